@@ -36,9 +36,15 @@ def report(program: Program, error: Exception, shrink: bool) -> str:
     return f"# {program!r}\n# {what}\n{program.script()}\n{getattr(error, 'code', '')}\n"
 
 
-def run(seed: int, indices: Iterable[int], shrink: bool = True) -> Counter[str]:
-    """Compare programs, and print those that fail; return how often there was which outcome."""
+def run(
+    seed: int, indices: Iterable[int], shrink: bool = True
+) -> tuple[Counter[str], dict[int, str]]:
+    """Compare programs, and print those that fail.
+
+    Return how often there was which other outcome, and the errors of those that fail by number.
+    """
     outcomes: Counter[str] = Counter()
+    failed: dict[int, str] = {}
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for index in indices:
@@ -46,9 +52,9 @@ def run(seed: int, indices: Iterable[int], shrink: bool = True) -> Counter[str]:
             try:
                 outcomes[check(drawn)] += 1
             except Exception as error:
-                outcomes["failed"] += 1
+                failed[index] = f"{type(error).__name__}: {error}"
                 print(f"# seed {seed}, program {index}\n{report(drawn, error, shrink)}", flush=True)
-    return outcomes
+    return outcomes, failed
 
 
 if __name__ == "__main__":
@@ -56,6 +62,6 @@ if __name__ == "__main__":
     parser.add_argument("--programs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
     options, begin = parser.parse_args(), time.perf_counter()
-    counts = run(options.seed, range(options.programs))
-    print(dict(counts), f"{time.perf_counter() - begin:.0f} s")
-    sys.exit(bool(counts["failed"]))
+    counts, failures = run(options.seed, range(options.programs))
+    print(dict(counts), len(failures), "failed", f"{time.perf_counter() - begin:.0f} s")
+    sys.exit(bool(failures))

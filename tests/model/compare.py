@@ -118,7 +118,7 @@ def with_fixed_steps(case: Case) -> None:
     same(case.solution, case.solve(code), ("t", "y", "nfev", "nexp", *DERIVATIVES), code)
 
 
-def step_by_step(case: Case) -> None:
+def stepper_steps(case: Case) -> None:
     """Steps of a `Stepper`, copied, pickled and continued, are those of `solve_ivp`."""
     if any(zero.jump and zero.terminal for zero in case.program.events):
         return  # a stepper makes the last jump too
@@ -141,11 +141,11 @@ def step_by_step(case: Case) -> None:
         raise Difference("t", "times of a Stepper differ", lines)
 
 
-def advanced(case: Case) -> None:
+def stepper_advances(case: Case) -> None:
     """A `Stepper` advances to times, restarts there, then earlier, then from another point."""
     program, task = case.program, case.path.task
     if program.steps or program.length == 0 or case.jumps():
-        return  # other fixed steps have no bound; where there are jumps, `together` restarts
+        return  # other fixed steps have no bound; with jumps, `stepper_of_members` restarts
     if any(zero.terminal for zero in program.events):
         return  # `advance` may stop before its goal
     times = [program.at(share) for share in (0.31, 0.77, 1.0)]
@@ -163,7 +163,7 @@ def advanced(case: Case) -> None:
     near(other, [times[2]], case.run(code)["y"], code)
 
 
-def together(case: Case) -> None:
+def stepper_of_members(case: Case) -> None:
     """Members of a `Stepper` are those of `solve_ensemble`, and of single steppers."""
     program, events = case.program, case.program.events
     if program.steps and program.turns > 2.0 and program.frame.phase:
@@ -195,7 +195,7 @@ def pool() -> concurrent.futures.Executor:
     return concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
 
 
-def processes(case: Case) -> None:
+def in_processes(case: Case) -> None:
     """Members are integrated by another process."""
     if case.program.compiled == "numba":  # which can't be pickled
         return
@@ -204,7 +204,7 @@ def processes(case: Case) -> None:
     except concurrent.futures.process.BrokenProcessPool:  # by a program before
         pool.cache_clear()
     case.names["pool"] = pool()
-    members(case, (", executor=pool",), (), scripts.POOL)
+    ensemble(case, (", executor=pool",), (), scripts.POOL)
 
 
 def _data_of_members(program: Program) -> str:
@@ -220,7 +220,7 @@ def _data_of_members(program: Program) -> str:
     return code
 
 
-def members(
+def ensemble(
     case: Case,
     ways: Sequence[str] = ("", ", workers=2", *scripts.VECTORIZED, *scripts.EVENTS_TOGETHER),
     common: Sequence[str] = (
@@ -267,5 +267,12 @@ def members(
 ALWAYS = alone, observed, same_without_output, with_fixed_steps, derivatives
 CALLERS = {
     caller.__name__: caller
-    for caller in (step_by_step, advanced, members, together, processes, in_jax)
+    for caller in (
+        stepper_steps,
+        stepper_advances,
+        ensemble,
+        stepper_of_members,
+        in_processes,
+        in_jax,
+    )
 }

@@ -77,15 +77,17 @@ def forward(case: Case) -> None:
     """Derivatives and covariances by the variational equation."""
     program, space, s = case.program, case.program.frame, case.solution
     xi, changes = _changes(case)
-    kept = [i for i, t in enumerate(s.t) if not case.near_jump(t)]
+    size = reals(space.base).size
+    model = difference(lambda step: _numbers(case, step, changes, s.t))
+    points, happened = np.split(model, [len(s.t) * size])
+    moves = 3e-4 * np.abs(happened)  # of jumps; steps of the difference are up to 2e-4
+    kept = [i for i, t in enumerate(s.t) if not case.beside_jump(t, case.bound, moves)]
     if program.steps:
         ends = abs(case.path.end - s.t) < 1e-9 * case.length  # shorter steps may end before
         times = [float(s.t[i]) for i in kept if not (case.path.terminated and ends[i])]
         case = _with_bound(case, _change_of_derivatives(case, times))
-    model = difference(lambda step: _numbers(case, step, changes, s.t[kept]))
-    points, happened = np.split(model, [len(kept) * reals(space.base).size])
     lines = f"{CALL}\nprint(s.transition, s.sensitivity)  # xi = {xi.tolist()}, {changes}"
-    for i, row in zip(kept, points.reshape(len(kept), reals(space.base).size), strict=True):
+    for i, row in zip(kept, points.reshape(len(s.t), size)[kept], strict=True):
         coordinates = s.transition[i] @ xi
         if program.parameters:
             coordinates = coordinates + s.sensitivity[i] @ changes["parameters"]
@@ -97,7 +99,7 @@ def forward(case: Case) -> None:
         ours, slopes = np.concatenate(s.dt_events) @ change, np.concatenate(case.path.slopes)
         scale = np.minimum(1.0, slopes)
         _check_derivative(case, ours * scale, happened * scale, lines)
-    elif reals(space.base).size <= 9 and program.output is None:
+    elif size <= 9 and program.output is None:
         fields = np.stack([space.tangent(e, s.y[-1]) for e in np.eye(space.coordinates)], axis=1)
         ours = fields @ s.covariance[-1] @ fields.T
         spread = np.diag(np.arange(1.0, space.coordinates + 1)) / program.length * program.noisy

@@ -19,7 +19,7 @@ FIXED = (
     "RKMK8(5,3)", "ImplicitMidpoint", "DICG4b",
 )  # fmt: skip
 SPLITTINGS = ("Leapfrog", "McLachlan2", "BlanesMoan4", "BlanesMoan6")
-CALLERS = ("step_by_step", "advanced", "members", "together", "processes")
+CALLERS = ("stepper_steps", "stepper_advances", "ensemble", "stepper_of_members", "in_processes")
 SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
 
 
@@ -80,7 +80,12 @@ def program(seed: int, index: int) -> Program:
 
 
 def admitted(program: Program) -> Program:
-    """Return the program without what is refused, has no single answer, or takes long."""
+    """Return the program without what is refused, has no single answer, or takes long.
+
+    The order of the changes matters: callers and the length of the span decide first, then the
+    method, what f depends on, derivatives, inputs, and events, which depend on all of these. Each
+    condition is that of the program as the changes before have left it.
+    """
     frame, callers = program.frame, sorted(program.callers)
     real = frame.base.dtype.kind != "c" and not frame.phase and frame.returned == (-1,)
     in_jax = real and not frame.prelude and "Coadjoint" not in frame.expression
@@ -88,6 +93,7 @@ def admitted(program: Program) -> Program:
         callers = [caller for caller in callers if caller != "in_jax"]
 
     def change(condition: Any, **changes: Any) -> None:
+        """Change fields of the program if a condition holds."""
         nonlocal program
         program = replace(program, **changes) if condition else program
 
@@ -117,7 +123,7 @@ def admitted(program: Program) -> Program:
     change(rough and program.derivatives == "forward" and program.rtol < 1e-6, rtol=1e-6, atol=1e-6)
     change(program.derivatives == "adjoint", events=(), output=program.output or None)
     if program.derivatives == "adjoint":
-        callers = [caller for caller in callers if caller not in ("members", "processes")]
+        callers = [caller for caller in callers if caller not in ("ensemble", "in_processes")]
     inputs = program.inputs
     if abs(program.length) < 1e-3 or program.derivatives or callers or not frame.compiled:  # slow
         inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in inputs)
@@ -126,9 +132,9 @@ def admitted(program: Program) -> Program:
     edge = any(zero.kind == "edge" for zero in events)
     finite = program.steps or inputs or program.length == 0
     endless = program.endless and not finite and any(zero.terminal == 1 for zero in events)
-    smooth = inputs and inputs[0].kind in ("linear", "cubic", "averages")
+    continuous = inputs and inputs[0].kind in ("linear", "cubic", "averages")
     for k, zero in enumerate(events):
-        if (zero.kind == "input" and not smooth) or (
+        if (zero.kind == "input" and not continuous) or (
             zero.kind == "copy" and (k == 0 or events[k - 1].period)
         ):
             events[k] = replace(zero, kind="plane")

@@ -131,11 +131,11 @@ class Zero(Record):
     """
 
     kind: str = "plane"
-    place: float = 0.3
-    seed: int = 0
-    terminal: int = 0
+    place: float = 0.3  # share of the span, the level of a plane plus 1/2, or the distance from it
+    seed: int = 0  # of the plane's normal
+    terminal: int = 0  # the number of the occurrence that ends the solution, 0 for none
     direction: int = 0
-    jump: str = ""
+    jump: str = ""  # the name of the point that the solution jumps to, empty for none
     period: bool = False
 
 
@@ -144,11 +144,11 @@ class Input(Record):
     """Samples of a function of time; ``idle`` ones are zero but for a tenth at the end."""
 
     kind: str = "linear"
-    count: int = 4
-    seed: int = 0
-    scale: float = 1.0
+    count: int = 4  # of samples
+    seed: int = 0  # of their values
+    scale: float = 1.0  # of their values, which f divides by it
     idle: bool = False
-    members: bool = False
+    members: bool = False  # whether members of an ensemble have values of their own
 
 
 @dataclass(frozen=True, repr=False)
@@ -158,33 +158,37 @@ class Program(Record):
     Times are shares of the span.
     """
 
-    space: int = 0
-    seed: int = 0
-    form: str = "state"
-    turns: float = 1.0
-    speed: float = 1.0
+    space: int = 0  # the number of the frame in `SPACES`
+    seed: int = 0  # of the initial point and of the coefficients in f
+    # f
+    form: str = "state"  # what f depends on: "state" and time, "time" alone, or "constant"
+    turns: float = 1.0  # the size of f times the span
+    speed: float = 1.0  # of the phases of f: radians in the span, at most
+    parameters: bool = False
+    inputs: tuple[Input, ...] = ()
+    breaks: tuple[float, ...] = ()  # times at which f changes its sign
+    compiled: str = ""  # "c", or "numba", which calls the function in C; empty for Python
+    rhs: str = "coefficients"
+    linear: bool = False
+    # the span
     start: float = 0.0
-    length: float = 1.0
-    endless: bool = False
+    length: float = 1.0  # negative backward in time
+    endless: bool = False  # whether the span has no end, so that an event ends the solution
+    # steps
     method: str = "auto"
-    steps: float = 0.0
+    steps: float = 0.0  # number of equal steps, 0 to choose their sizes
     rtol: float = 1e-6
     atol: float = 1e-6
-    arrays: str = ""
-    first_step: float = 0.0
+    arrays: str = ""  # which tolerances are arrays: "atol", or "rtol, atol"
+    first_step: float = 0.0  # 0 for the default
     max_step: float = 0.0
-    output: tuple[float, ...] | None = None
+    # what is asked for
+    output: tuple[float, ...] | None = None  # times of output, None for the ends of steps
     dense: bool = False
     observe: bool = False
     events: tuple[Zero, ...] = ()
-    breaks: tuple[float, ...] = ()
-    inputs: tuple[Input, ...] = ()
-    parameters: bool = False
-    compiled: str = ""
-    rhs: str = "coefficients"
-    linear: bool = False
-    derivatives: str = ""
-    callers: tuple[str, ...] = ()
+    derivatives: str = ""  # "forward" or "adjoint"
+    callers: tuple[str, ...] = ()  # names of `compare.CALLERS`: other runs to compare with
 
     @property
     def frame(self) -> Space:

@@ -136,7 +136,7 @@ def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-
             )  # fmt: skip
             if not run.success:
                 raise ArithmeticError(run.message)
-            t, z, signs = _take(path, run.sol, t, stop, signs)
+            t, z, signs = _record_piece(path, run.sol, t, stop, signs)
             if len(path.jumps) > 500:
                 raise ArithmeticError("jumps follow each other without end")
         if path.terminated:
@@ -157,17 +157,19 @@ def _signs(task: Task, t: float, z: np.ndarray, seen: float) -> list[float]:
     return [0.0 if abs(value) < 1e-9 else np.sign(value) for value in values]
 
 
-def _take(path, solution, begin, end, signs):
+def _record_piece(
+    path: Path, solution: OdeSolution, begin: float, end: float, signs: list[float]
+) -> tuple[float, np.ndarray, list[float]]:
     """Record a piece and the events in it; return where it ends, its last point and the signs."""
     task = path.task
     length = abs(end - begin) / (abs(task.span[1] - task.span[0]) or 1.0)
     grid = np.linspace(begin, end, 12 + int(GRID * length))
     roots, after = [], []
     for k, event in enumerate(task.events):
-        own, sign = _roots(path, k, event, solution, grid, signs[k])
+        own, sign = _zeros(path, k, event, solution, grid, signs[k])
         roots += [(t, k, slope) for t, slope in own]
         after.append(sign)
-    for t, group in _together(task, roots, begin < end):
+    for t, group in _grouped(task, roots, begin < end):
         stays = solution(t)
         last = [k for k in group if len(path.events[k]) + 1 >= (task.events[k].terminal or np.inf)]
         jumping = [k for k in group if task.events[k].jump and k not in last]
@@ -187,11 +189,13 @@ def _take(path, solution, begin, end, signs):
     return end, solution(end), after
 
 
-def _roots(path, k, event, solution, grid, sign):
-    """Return zeros with a change of sign and slopes of the function, and the last sign."""
+def _zeros(
+    path: Path, k: int, event: Any, solution: OdeSolution, grid: np.ndarray, sign: float
+) -> tuple[list[tuple[float, float]], float]:
+    """Return zeros where the sign of an event changes, and slopes there; and the last sign."""
     task, begin, end = path.task, grid[0], grid[-1]
 
-    def value(t):
+    def value(t: float) -> float:
         return value_of(task, event, within(t, begin, end), solution(t))
 
     values = np.array([value(t) for t in grid])
@@ -214,7 +218,9 @@ def _roots(path, k, event, solution, grid, sign):
     return roots, sign
 
 
-def _together(task, roots, forward):
+def _grouped(
+    task: Task, roots: list[tuple[float, int, float]], forward: bool
+) -> list[tuple[float, dict[int, float]]]:
     """Return times in order with the events that happen then, and their slopes."""
     groups: list[tuple[float, dict[int, float]]] = []
     near = 1e-10 * (abs(task.span[1] - task.span[0]) + max(map(abs, task.span)))
