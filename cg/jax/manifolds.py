@@ -113,7 +113,7 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
     return Rules(
         frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False,
-        first=geodesic if spd else None, composed=composed if spd else None,
+        start=geodesic if spd else None, composed=composed if spd else None,
     )  # fmt: skip
 
 

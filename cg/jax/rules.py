@@ -42,9 +42,9 @@ class Rules:
     brackets. ``closed_coefficients(y, tangent)`` and ``unequal_sizes(y)`` are `coefficients` in
     closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
     `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says whether two points
-    determine the coefficients of the short flow between them. ``first(y0, y1)`` is where `nearby`
-    starts, None for zero. ``composed(path)`` are the coefficients of the flow that is the product
-    of flows, shape ``(count, dim)``, the first one first; None where points determine it well.
+    determine the coefficients of the short flow between them. `nearby` starts at ``start(y0, y1)``,
+    None for zero. ``composed(path)`` are the coefficients of the flow that is the product of flows,
+    shape ``(count, dim)``, the first one first; None where points determine it well.
     """
 
     frame: Frame
@@ -56,7 +56,7 @@ class Rules:
     unequal_sizes: Map | None = None
     distance: Map = zero
     unique: bool = True
-    first: Pairing | None = None
+    start: Pairing | None = None
     composed: Map | None = None
 
     def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
@@ -85,7 +85,7 @@ class Rules:
         """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
         if self.log is not None:
             return self.log(y0, y1)
-        v = jnp.zeros(self.frame.dim, real_dtype(y0)) if self.first is None else self.first(y0, y1)
+        v = jnp.zeros(self.frame.dim, real_dtype(y0)) if self.start is None else self.start(y0, y1)
         for _ in range(_NEARBY_STEPS):
             y = self.flow(v, y0)
             v = v + self.coefficients(y, y1 - y)

@@ -115,18 +115,18 @@ def product_of_exponentials(values: Values, order: int, sign: int = -1) -> Serie
         {(j,): c ** (j - 1) if j > 1 else c * 0 + 1 for j in degrees} for c in nodes
     ]
     for sides in brackets:
-        left, right = (combined(side, letters) for side in sides)
+        left, right = (combination(side, letters) for side in sides)
         bracket = times(left, right, order)
         for word, x in times(right, left, order).items():
             bracket[word] = bracket.get(word, 0) + sign * x
         letters.append(bracket)
     product: Series = {(): nodes[0] * 0 + 1}
     for row in rows:
-        product = times(exponential(combined(row, letters), order), product, order)
+        product = times(exponential(combination(row, letters), order), product, order)
     return product
 
 
-def combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
+def combination(row: Sequence[Any], letters: Sequence[Series]) -> Series:
     """Return a combination of series."""
     total: Series = {}
     for weight, letter in zip(row, letters, strict=False):
