@@ -5,14 +5,15 @@
 !   e1 (e1 / hypot(e1, factor e2))^power,
 !
 ! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
-! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. With a
-! power of 0 (same file) e2, of a sum that sees the end of the step, which results don't, isn't a
-! divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
+! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. In the
+! form at_end_estimate (same file) e2, of a sum that sees the end of the step, which results don't,
+! isn't a divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
 !
 ! Two such differences have two parts: that of the quadratures, where all values of f commute, and
 ! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
 ! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
-! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods.
+! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods. The
+! forms parts_of_..._estimate say where the parts come from.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
