@@ -281,8 +281,8 @@ def _check_rhs(
 
 
 def _checked_method(
-    chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None, stage_solver: str,
-) -> MethodTable:  # fmt: skip
+    chosen: MethodTable | None, linear: bool, frame: Frame, rtol: float | None, stage_solver: str
+) -> MethodTable:
     """Return the chosen or the default method after checking the equation and the frame."""
     if linear and isinstance(frame, PhaseSpace):
         raise ValueError(

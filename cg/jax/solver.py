@@ -98,13 +98,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     interpolation_cls: ClassVar[Callable[..., Any]] = Within
 
     def __init__(
-        self,
-        method: str | HasTable,
-        *,
-        dense: str = "accurate",
-        unroll: bool = False,
+        self, method: str | HasTable, *, dense: str = "accurate", unroll: bool = False,
         max_angle: float | None = _MAX_ANGLE,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if isinstance(method, str) and method == "auto":
             raise ValueError(
                 'method must be named in JAX, which has no "auto"; of the pairs "RKMK8(5,3)" takes '

@@ -13,13 +13,9 @@ from cg.support.checks import check_real
 
 
 def convergence(
-    h: ArrayLike,
-    errors: ArrayLike,
-    ax: Any = None,
-    *,
-    label: str | None = None,
+    h: ArrayLike, errors: ArrayLike, ax: Any = None, *, label: str | None = None,
     order: float | None = None,
-) -> Any:
+) -> Any:  # fmt: skip
     """Draw errors against step sizes on logarithmic axes; several calls add curves.
 
     Parameters
@@ -61,13 +57,9 @@ def convergence(
 
 
 def work_precision(
-    work: ArrayLike,
-    errors: ArrayLike,
-    ax: Any = None,
-    *,
-    label: str | None = None,
+    work: ArrayLike, errors: ArrayLike, ax: Any = None, *, label: str | None = None,
     unit: str = "evaluations of f",
-) -> Any:
+) -> Any:  # fmt: skip
     """Draw errors against work on logarithmic axes; several calls add curves.
 
     Parameters

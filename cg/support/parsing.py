@@ -99,12 +99,9 @@ def _read(
 
 
 def check_keys(
-    table: dict[str, Any],
-    required: Iterable[str],
-    optional: Iterable[str],
-    where: str,
+    table: dict[str, Any], required: Iterable[str], optional: Iterable[str], where: str,
     error: type[Exception],
-) -> None:
+) -> None:  # fmt: skip
     """Raise `error` with all missing and unknown keys of a table."""
     missing, unknown = set(required) - set(table), set(table) - {*required, *optional}
     problems = [f"{where} lacks {', '.join(sorted(missing))}"] * bool(missing)

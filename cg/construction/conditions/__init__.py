@@ -190,12 +190,9 @@ def residuals(
 
 
 def jacobian(
-    a: ArrayLike | Layout,
-    b: ArrayLike,
-    order: int,
-    independent: bool = False,
+    a: ArrayLike | Layout, b: ArrayLike, order: int, independent: bool = False,
     rows: Rows | None = None,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     """Return the derivatives of `residuals` with respect to the packed entries.
 
     Parameters

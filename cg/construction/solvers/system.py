@@ -97,13 +97,9 @@ class ConditionSystem:
 
     @classmethod
     def tableau(
-        cls,
-        order: int,
-        stages: int,
-        rows: Rows | str | int = Rows.EXPLICIT,
-        embedded: bool = False,
-        structure: Structure = Structure.GENERAL,
-    ) -> ConditionSystem:
+        cls, order: int, stages: int, rows: Rows | str | int = Rows.EXPLICIT,
+        embedded: bool = False, structure: Structure = Structure.GENERAL,
+    ) -> ConditionSystem:  # fmt: skip
         """Return the conditions on a Crouch–Grossman tableau."""
         return cls(order, Layout.tableau(stages, rows, embedded), structure)
 
