@@ -72,37 +72,41 @@ class Control(NamedTuple):
         return None if self.h is not None else float(self.rtol.min())
 
 
-@dataclass(eq=False)  # frozen ones take seven times as long to make
+@dataclass(eq=False, kw_only=True)  # frozen ones take seven times as long to make
 class Problem:
     """An integration of one point or of the members of an ensemble, which nobody changes."""
 
+    # the equation
     plan: Plan
     in_coordinates: bool  # whether differences of points are in coordinates, not in entries
     rhs: Rhs
+    linear: bool  # whether the right-hand side depends on time alone
+    jacobian: Jacobian | None  # for Newton's method, None for differences
+    events: EventTable | None
+    # members
     points: Points  # the initial ones, shape (members, *point_shape)
+    ensemble: bool  # whether it has members, even one
+    common_steps: bool  # whether all members take the same steps
+    first_member: int = 0  # its number in the ensemble
+    inertia: MemberInertia | None = None  # None if all members have that of the frame
+    # inputs of each member, if each has its own sample times; their corners are added by `part`
+    member_inputs: tuple[Inputs, ...] = ()
+    # times and steps
     t0: float
     stops: Array  # breakpoints, then the final time
     limits: Array  # rows (t, limit), as in `RECORD`
     control: Control
-    events: EventTable | None
+    stage_solver: str
+    step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
+    thermostat: Langevin | None = None
+    # output
     t_eval: Array | None
     every: int  # number of steps between stored steps, 0 to store none
     dense_output: bool  # whether to store interpolants
-    stage_solver: str
-    ensemble: bool  # whether it has members, even one
-    common_steps: bool  # whether all members take the same steps
-    linear: bool  # whether the right-hand side depends on time alone
-    jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
-    thermostat: Langevin | None = None
-    step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
-    inertia: MemberInertia | None = None  # None if all members have that of the frame
-    first_member: int = 0  # its number in the ensemble
     # makes the solution with derivatives of one whose points hold them
     finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
     with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
-    # inputs of each member, if each has its own sample times; their corners are added by `part`
-    member_inputs: tuple[Inputs, ...] = ()
 
     @property
     def one_by_one(self) -> bool:
