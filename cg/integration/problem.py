@@ -45,6 +45,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, texts_of
+from cg.support.caches import filled
 from cg.support.checks import check_choice, short
 from cg.tables import Kind, MethodTable, table_of
 
@@ -72,9 +73,9 @@ class Control(NamedTuple):
         return None if self.h is not None else float(self.rtol.min())
 
 
-@dataclass(eq=False, kw_only=True)  # frozen ones take seven times as long to make
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
-    """An integration of one point or of the members of an ensemble, which nobody changes."""
+    """An integration of one point or of the members of an ensemble."""
 
     # the equation
     plan: Plan
@@ -530,7 +531,8 @@ def make_problem(
     events = _read_events(options, frame, rhs, start, stop)
     step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    return Problem(
+    return filled(
+        Problem,
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
         limits=limits, control=control, events=events, t_eval=t_eval,
         every=every if t_eval is None else 0, dense_output=options["dense_output"],

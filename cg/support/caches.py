@@ -65,7 +65,7 @@ class ReadOnly:
             state[name].flags.writeable = False
 
 
-def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
+def filled(kind: type[Result], /, **fields: Any) -> Result:
     """Return an object of a frozen dataclass with all its fields, much faster than by its class."""
     record = object.__new__(kind)
     vars(record).update(fields)

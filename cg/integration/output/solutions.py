@@ -446,7 +446,7 @@ class EnsembleSolution(_SolutionBase):
             array = getattr(self, name)
             fields[name] = None if array is None else array[: len(fields["t"]), member]
         fields["sol"] = None if self.sol is None else self.sol[member]
-        return filled(Solution, fields)
+        return filled(Solution, **fields)
 
 
 def member_fields(

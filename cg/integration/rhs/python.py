@@ -155,7 +155,7 @@ class PythonRhs(Contexts):
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        changed = filled(PythonRhs, vars(self) | {"extra": extra})
+        changed = filled(PythonRhs, **vars(self) | {"extra": extra})
         changed._connect(self.contexts[0], extra, None if self.vectorized else extra.members)
         return changed
 
