@@ -105,9 +105,8 @@ contains
     end do
     linkage%v1 = blocks(linkage%span(1, :))%v1
     linkage%v2 = blocks(linkage%span(2, :))%v2
-    linkage%first = [(findloc(linkage%v1(:i) <= linkage%v2(i) &
-                              .and. linkage%v2(:i) >= linkage%v1(i), .true., 1), &
-                      i=1, size(linkage%v1))]
+    linkage%first = [(findloc(linkage%v1(:i) <= linkage%v2(i) .and. &
+                              linkage%v2(:i) >= linkage%v1(i), .true., 1), i=1, size(linkage%v1))]
     linkage%start = [(sum([(j - linkage%first(j), j=1, i)]), i=1, rows)]
   end subroutine make_linkage
 

@@ -415,8 +415,7 @@ contains
           powers(i, :) = powers(i - 1, :) * times
         end do
         call dgemm('N', 'N', size(y), count_all - early, m, 1.0_wp, terms, size(y), &
-                   powers(:, early + 1:), m, merge(0.0_wp, 1.0_wp, k < n), inner(:, early + 1:), &
-                   size(y))
+          powers(:, early + 1:), m, merge(0.0_wp, 1.0_wp, k < n), inner(:, early + 1:), size(y))
       end associate
     end subroutine add_to_inner
 

@@ -108,8 +108,7 @@ contains
     end associate
   end subroutine evaluate
 
-  ! Adds the difference of f(i) along field j to a(j, i), and by parameter j to d(j, i), of those
-  ! that aren't given.
+  ! Adds differences of f(i) along field j to a(j, i), by parameter j to d(j, i), unless given.
   subroutine add_differences(self, given, y, f, a, d)
     type(evaluation_t), intent(inout) :: self
     logical, intent(in) :: given(2)
@@ -178,9 +177,8 @@ contains
     where (.not. whole > sqrt(tiny(1.0_wp))) whole = 1.0_wp
   end function sizes_of
 
-  ! Adds the difference of f along v and by a change of parameters, of which one may be left out: a
-  ! central one, or from f at the point. Parameters are changed in place, since functions of Python
-  ! hold a view of them.
+  ! Adds the difference of f along v or by a change of parameters: a central one, or from f at the
+  ! point. Parameters are changed in place, since functions of Python hold a view of them.
   subroutine add_difference(self, y, f, step, v, change, row)
     type(evaluation_t), intent(inout) :: self
     real(wp), contiguous, intent(in) :: y(:), f(:), v(:), change(:)

@@ -45,9 +45,8 @@ contains
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
     if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0 .or. &
-      (crosses(x%events%before, x%events%after, x%problem%events%table) .and. &
-       (x%events%after /= 0 .or. (x%problem%record%goes_on .and. &
-                                  ends_step(x%events, x%problem%events%table)))))
+      (crosses(x%events%before, x%events%after, x%problem%events%table) .and. (x%events%after /= 0 &
+       .or. (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -270,12 +269,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
+    logical :: last
 
     call store_outputs(x, t, y, output)
     if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (output%status == finished) &
-      call store_step(output, x%counts%steps, t, y, &
-                      t == x%problem%stops(size(x%problem%stops)) .or. ended)
+    last = ended .or. t == x%problem%stops(size(x%problem%stops))
+    if (output%status == finished) call store_step(output, x%counts%steps, t, y, last)
     if (output%status /= finished) then
       call fail(x, output%status, t, observer_failed)
       return

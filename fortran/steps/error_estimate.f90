@@ -32,9 +32,9 @@ module error_estimate_m
   use coordinates_m, only: difference, error_norm, error_scales, remove_isotropy, tangent
   use frames_m, only: turning
   use method_m, only: method_t
-  use shared_numbers, only: collocation_kind, linear_kind, max_angle, parts_of_results_estimate, &
-                            parts_of_sums_estimate, polynomial_kind, resolved_first, &
-                            resolved_second, roundings, unit_of_change
+  use shared_numbers, only: at_end_estimate, collocation_kind, linear_kind, max_angle, &
+                            parts_of_results_estimate, parts_of_sums_estimate, polynomial_kind, &
+                            resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -64,7 +64,7 @@ contains
       parts = [x%error, combined(x%method, errors(2, 1), errors(2, 2))]
       x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
       if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
-    else if (x%method%estimates_at_end) then
+    else if (x%method%estimate == at_end_estimate) then
       if (errors(1, 3) > 0 .and. errors(1, 3) <= huge(errors)) &
         errors(1, 2) = errors(1, 2) * (errors(1, 2) / hypot(errors(1, 2), errors(1, 3)))
       x%error = max(errors(1, 1), x%method%factor * errors(1, 2))
@@ -116,7 +116,7 @@ contains
         errors(1, 1) = distance(x, method%embedded)
       do i = 1, last
         place = merge(1, 2, i <= (last + 1) / 2)
-        if (method%estimates_at_end) place = 1 + i
+        if (method%estimate == at_end_estimate) place = 1 + i
         part = 1
         if (method%estimate == parts_of_sums_estimate) part = 2 - mod(i, 2)
         weight = x%h * method%error(:, i)

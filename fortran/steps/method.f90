@@ -3,10 +3,9 @@ module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
-  use shared_numbers, only: algebra_kind, at_end_estimate, collocation_kind, method_record_t, &
-                            parts_of_results_estimate, parts_of_series_estimate, &
-                            parts_of_sums_estimate, polynomial_kind, registers_kind, &
-                            splitting_kind, whole_estimate
+  use shared_numbers, only: algebra_kind, collocation_kind, method_record_t, registers_kind, &
+                            parts_of_results_estimate, polynomial_kind, splitting_kind, &
+                            whole_estimate
   implicit none
   private
   public :: method_t, make_method, reals, scheme_t
@@ -62,7 +61,6 @@ module method_m
     type(transformation_t) :: transformation ! for a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! power of a quotient, see error_estimate_m
-    logical :: estimates_at_end = .false.    ! whether a stage at the end serves only the estimate
     real(wp) :: factor = 1.0_wp              ! factor of the second estimate in the quotient
     ! Summands are the coefficients at the stages, then their brackets.
     real(wp), allocatable :: error(:, :)     ! (summands, estimates) of errors that need no flow
@@ -84,7 +82,7 @@ contains
       embedded=int(record%embedded), third=int(record%third), factor=record%factor, &
       final_stage=int(record%final_stage), blocks=int(record%blocks), power=int(record%power), &
       uses_last_nodes=record%kept_nodes > 0, series=int(record%series), &
-      estimate=int(record%estimate), estimates_at_end=record%estimate == at_end_estimate)
+      estimate=int(record%estimate))
     summands = record%stages + record%bracket_count
     method%origin = int(reals(record%origin, record%paths))
     method%path_first = int(reals(record%path_first, record%paths + 1))
@@ -104,8 +102,7 @@ contains
       call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
       method%transformation = transformation
     end if
-    method%in_parts = any(method%estimate == [parts_of_results_estimate, parts_of_sums_estimate, &
-                                              parts_of_series_estimate])
+    method%in_parts = method%estimate >= parts_of_results_estimate     ! the first such form
     allocate (method%leads(0:size(method%origin)), source=.false.)
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1

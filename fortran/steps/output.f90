@@ -93,9 +93,8 @@ contains
 
     call add_row(output, output%interpolants, output%record%interpolants)
     if (output%status == finished) output%interpolants(:, output%record%interpolants) = &
-      [real(member, wp), interpolant%t0, interpolant%h, t_end, &
-       merge(1.0_wp, 0.0_wp, interpolant%on_algebra), interpolant%y0, interpolant%y1, &
-       interpolant%vectors]
+      [real(member, wp), interpolant%t0, interpolant%h, t_end, merge(1.0_wp, 0.0_wp, &
+       interpolant%on_algebra), interpolant%y0, interpolant%y1, interpolant%vectors]
   end subroutine store_interpolant
 
   ! Reads an interpolant from its row, as far as it is evaluated.

@@ -197,8 +197,7 @@ contains
       case (polynomial_kind)
         call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
         call move_polynomially(x%frame%blocks(1)%action, x%v(:, :end - begin), &
-                               abs(x%h) / max(abs(x%h), x%problem%duration), x%y(:, i), &
-                               x%problem%inner)
+          abs(x%h) / max(abs(x%h), x%problem%duration), x%y(:, i), x%problem%inner)
         end = begin + 1                      ! they are one flow
       case default
         call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)

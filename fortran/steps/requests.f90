@@ -211,9 +211,8 @@ contains
     k = 0
     associate (query => x%query(:, :x%answered), &
                before => query_numbers + x%frame%point_size + max(event, 1) - 1)
-      if (x%answered > 0) &
-        k = findloc(nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, &
-                    .true., 1)
+      if (x%answered > 0) k = findloc( &
+        nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, .true., 1)
       if (k > 0) then
         values = query(before + 1:before + size(values), k)
         if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(query_time, k))

@@ -13,8 +13,9 @@ module step_m
   use requests_m, only: request, share_error, within_segment
   use trajectory_m
   use vectors_m, only: finite
-  use shared_numbers, only: collocation_kind, finished, implicit_kind, max_suspicion, needs_rhs, &
-                            raised_by_rejection, registers_kind, solution_not_finite
+  use shared_numbers, only: at_end_estimate, collocation_kind, finished, implicit_kind, &
+                            max_suspicion, needs_rhs, raised_by_rejection, registers_kind, &
+                            solution_not_finite
   implicit none
   private
   public :: receive_answers, receive_error, receive_stage, finish_step, accept_or_reject, &
@@ -61,7 +62,7 @@ contains
     type(trajectory_t), intent(in) :: x
 
     stages = size(x%method%c)
-    if (x%method%estimates_at_end .and. .not. x%problem%adaptive) stages = stages - 1
+    if (x%method%estimate == at_end_estimate .and. .not. x%problem%adaptive) stages = stages - 1
   end function stages
 
   ! The number of times asked for together: by a vectorized function of time, all that are left
@@ -69,9 +70,8 @@ contains
     type(trajectory_t), intent(in) :: x
 
     times_asked = 1
-    if (x%problem%record%of_time .and. x%phase == phase_stage_received &
-        .and. all(x%method%kind /= [collocation_kind, implicit_kind])) &
-      times_asked = stages(x) - x%stage + 1
+    if (all(x%method%kind /= [collocation_kind, implicit_kind]) .and. x%problem%record%of_time &
+        .and. x%phase == phase_stage_received) times_asked = stages(x) - x%stage + 1
   end function times_asked
 
   ! Gets the times that times_asked counts.

@@ -26,10 +26,9 @@ module step_events_m
   ! Bisection takes 53 iterations, far more towards zero; interpolations are at most as many.
   integer, parameter :: max_root_iterations = 3600
 
-  ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  ! Adaptive steps that would need more than `many_parts`, which take too much time and memory, or
-  ! of common steps without an end those that rotate by more than a turn, are tried again with a
-  ! smaller size; fixed ones that need more than `max_parts` fail.
+  ! Parts of a step. Frames known to rotate turn by at most `part_angle` in one. Adaptive steps that
+  ! need more than `many_parts`, or common ones without an end that rotate by more than a turn, are
+  ! tried again with a smaller size; fixed ones that need more than `max_parts` fail.
   integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = 2 * acos(-1.0_wp) / parts_of_turn
   ! Frames in Python give only a bound of the angle; larger ones count as two turns.

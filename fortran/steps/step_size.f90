@@ -47,9 +47,8 @@ contains
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
-      if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. &
-          (x%grid%stop /= stop &
-           .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
+      if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. ( &
+          x%grid%stop /= stop .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
         call make_grid(x%t, stop, x%problem%record%h, x%grid)
         x%grid_done = 0
       end if
