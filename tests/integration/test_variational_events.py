@@ -190,3 +190,24 @@ def test_noise_backward_in_time_is_refused(solve, noise, t_eval):
     refuse = pytest.raises(ValueError, match=r"noise must be None backward in time.*\(1\.0, 0\.0\)")
     with refuse:
         solve(lambda t, y: -y, (1, 0), y0, frame=cg.frames.Euclidean(1), noise=noise, t_eval=t_eval)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("how", ["input", "breakpoint"])
+def test_an_event_where_an_input_jumps_over_zero_stays_there(how, sign):
+    """The function y - u jumps from -9 to 11 at t = 1, or backward from 9 to -11."""
+    samples = cg.Samples([0.0, 1.0, 2.0], [10.0, -10.0, -10.0], "hold")
+    steps = lambda t: 10.0 if t < 1.0 else -10.0
+    function = {"input": lambda t, y, u: y[0] - u, "breakpoint": lambda t, y: y[0] - steps(t)}[how]
+    given = {"input": {"inputs": samples}, "breakpoint": {"breakpoints": [1.0]}}[how]
+    span = (0.0, 2.0) if sign > 0 else (2.0, 0.0)
+    jump = cg.Event(function, jump=lambda t, y, *u: 2.0 * y + 100.0 * sign + np.sin(t))
+    options = {"frame": Euclidean(1), "derivatives": "forward", "rtol": 1e-8, "atol": 1e-8, **given}
+    solution = cg.solve_ivp(lambda t, y, *u: [1.0], span, [0.0], events=jump, **options)
+    np.testing.assert_allclose(solution.t_events[0], [1.0], rtol=1e-14)
+    np.testing.assert_array_equal(solution.dt_events[0], [[0.0]])
+    np.testing.assert_allclose(solution.transition[-1], [[2.0]], rtol=1e-9)
+    ends = cg.Event(function, terminal=True)
+    solution = cg.solve_ivp(lambda t, y, *u: [1.0], span, [0.0], events=ends, **options)
+    np.testing.assert_array_equal(solution.dt_events[0], [[0.0]])
+    np.testing.assert_allclose(solution.transition[-1], [[1.0]], rtol=1e-9)

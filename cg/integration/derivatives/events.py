@@ -26,6 +26,8 @@ _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
+# zeros at an edge are found within a part of a step, and no step is longer than the span
+_SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -138,8 +140,10 @@ class VariationalEvents(EventTable):
         def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return np.array([self._value_of(index, time, point, extra)])
 
-        by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
+        by_fields, along, by_parameters, (largest, span) = self._derivatives(value, t, y, arguments)
         rate = float(along[0]) if abs(along[0]) > _MIN_RATE * largest else 0.0
+        if self._jumps_over_zero(value, t, y, arguments, span):
+            return rate, np.zeros(x.shape[1])
         gradient = by_fields[:, 0] @ x
         if self.equation.parameter_count:
             gradient[: self.equation.direction_count] += self.equation.along_directions(
@@ -147,6 +151,21 @@ class VariationalEvents(EventTable):
             )
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
+
+    def _jumps_over_zero(
+        self, value: Callable[..., Array], t: float, y: Points, arguments: tuple[Any, ...],
+        span: float,
+    ) -> bool:  # fmt: skip
+        """Return whether a function has another sign behind an edge, at which the event stays.
+
+        So it is where an input jumps. Values differ by rounding if by little of their ``span``.
+        """
+        edge = float(self.edges[np.abs(self.edges - t).argmin()])
+        if abs(edge - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.edges))):
+            return False
+        sides = (math.nextafter(edge, side) for side in (-math.inf, math.inf))
+        before, behind = (float(value(side, y, arguments)[0]) for side in sides)
+        return before * behind < 0.0 and abs(before - behind) > _MIN_RATE * span
 
     def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         function = self._callable[index]
@@ -172,11 +191,11 @@ class VariationalEvents(EventTable):
     def _derivatives(
         self, function: Callable[[float, Points, tuple[Any, ...]], Array], t: float, y: Points,
         arguments: tuple[Any, ...],
-    ) -> tuple[Array, Array, Array, float]:  # fmt: skip
+    ) -> tuple[Array, Array, Array, tuple[float, float]]:  # fmt: skip
         """Return derivatives of ``function(t, y, arguments)``, which has m values.
 
         They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,
-        then the largest slope between any two values along the solution.
+        then the largest slope and difference between any two values along the solution.
         """
         frame, n = self.frame, self.frame.dim
         sizes = np.maximum(frame.coordinate_sizes(y), 1.0)
@@ -200,8 +219,9 @@ class VariationalEvents(EventTable):
                 values = [function(t, y, (*others, row + s * change)) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
         unit, steps, weights = self._steps_in_time(t, unit, arguments)
-        ahead = values_along(unit * slope, unit, steps) / (_STEP * unit)
-        return np.array(by_fields), weights @ ahead, by_parameters, float(np.ptp(ahead))
+        ahead = values_along(unit * slope, unit, steps)
+        span, size = float(np.ptp(ahead)), _STEP * unit
+        return np.array(by_fields), weights @ ahead / size, by_parameters, (span / abs(size), span)
 
     def _steps_in_time(
         self, t: float, unit: float, arguments: tuple[Any, ...]
