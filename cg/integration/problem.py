@@ -39,6 +39,7 @@ from cg.integration.rhs.inputs import (
     ExtraArguments,
     Inputs,
     WithInput,
+    check_abscissae,
     check_inputs,
     check_member_inputs,
     stops_and_limits,
@@ -105,7 +106,7 @@ class Problem:
     every: int  # number of steps between stored steps, 0 to store none
     dense_output: bool  # whether to store interpolants
     observer: Observer | None
-    # makes the solution with derivatives of one whose points hold them
+    # splits points that hold derivatives into the points and derivatives of a solution
     finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
     with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
 
@@ -447,10 +448,12 @@ def _read_inputs(
 
 
 def _read_times(
-    options: EnsembleOptions, start: float, stop: float, ensemble: bool
+    plan: Plan, options: EnsembleOptions, start: float, stop: float, ensemble: bool
 ) -> tuple[Array, Array | None]:
     """Return the breakpoints with the final time, and the output times, None for ends of steps."""
     stops = arguments.check_stops(options["breakpoints"], start, stop)
+    if len(stops) > 1:
+        check_abscissae(plan.table, "breakpoints")
     if options["t_eval"] is not None:
         t_eval = arguments.check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
         if options["thermostat"] is not None:  # points between steps would have no noise
@@ -522,7 +525,7 @@ def make_problem(
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
-    stops, t_eval = _read_times(options, start, stop, ensemble)
+    stops, t_eval = _read_times(plan, options, start, stop, ensemble)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     limits = np.empty((0, 2))

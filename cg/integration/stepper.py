@@ -38,7 +38,7 @@ from cg.integration.messages import TERMINAL_EVENT, failed_members
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.inputs import Inputs
+from cg.integration.rhs.inputs import Inputs, check_abscissae
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
@@ -169,6 +169,8 @@ class Stepper:
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
         self._first_step = None if first is None else check_step("first_step", first)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
+        if len(self._breakpoints):
+            check_abscissae(self.table, "breakpoints")
         self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = replace(problem, control=control, t_eval=None, every=0)
@@ -373,6 +375,8 @@ class Stepper:
                 shape = run.members, *run.plan.point_shape
                 raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
             rows = run.plan.doubles(points)
+        if first_step is not None and run.control.h is not None:
+            raise ValueError(f"first_step must be None with h, got {first_step!r}")
         first = self._first_step if first_step is None else check_step("first_step", first_step)
         same_f = args is None and parameters is None and inputs is None
         replaced = y is not None or not same_f
@@ -457,7 +461,7 @@ class Stepper:
         check_resolution(run.control.h, target)
         stops = np.array([target])
         if len(corners):
-            # the corner behind is an end too, since stages outside the step must not pass it
+            # the corner behind is an end too: a step that starts there sees f behind it
             corners = corners[max(int((sign * (corners - self.t) < 0.0).sum()) - 1, 0) :]
             stops = np.append(corners[sign * (corners - target) <= 0.0], target)
         run.resume(stops)
@@ -570,7 +574,7 @@ class Stepper:
         return f"Failure: {failures[0]}."
 
     def __getstate__(self) -> dict[str, Any]:
-        # with memory of its own for inputs, as copies may run in two threads
+        # the copy needs its own memory for inputs, since both may run, in two threads
         rhs = self._run.rhs.with_data(self._run.rhs.extra)
         state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
         return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}

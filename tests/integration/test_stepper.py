@@ -232,9 +232,10 @@ def test_steps_that_begin_with_a_drift_need_no_force_at_their_start():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_where_a_call_ends_changes_nothing_beside_breakpoints(sign):
-    """CG6a evaluates f before the start of a step, which must not be beyond a breakpoint."""
+    """RKMK5(4) evaluates f at both ends of a step, each time on its own side of a breakpoint."""
     f = lambda t, y: [0.0 if sign * t <= 1.0 else 10.0 * np.cos(t)]
-    options = {"frame": Euclidean(1), "method": "CG6a", "h": 0.5, "breakpoints": [sign, 2.0 * sign]}
+    options = {"frame": Euclidean(1), "method": "RKMK5(4)", "h": 0.5}
+    options["breakpoints"] = [sign, 2.0 * sign]
     expected = cg.integrate(f, (0.0, 3.0 * sign), [0.0], **options).y[-1]
     for looks in (False, True):
         stepper = cg.Stepper(f, 0.0, [0.0], 3.0 * sign, **options)
@@ -243,6 +244,26 @@ def test_where_a_call_ends_changes_nothing_beside_breakpoints(sign):
             if looks:
                 stepper.dense_output()
         assert_allclose(stepper.y, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", [n for n in cg.methods if not 0 <= min(cg.methods[n].c)
+                                  <= max(cg.methods[n].c) <= 1 + 1e-15])  # fmt: skip
+def test_methods_with_stages_outside_the_step_are_refused_with_breakpoints(name):
+    """Stages beyond a breakpoint would get f at it: CF6d has order two there."""
+    options = {"frame": Euclidean(1), "method": name, "h": 0.5}
+    f, message = lambda t, y: y, "method must evaluate f within the step with breakpoints"
+    for inside in ([0.25], [0.5, 2.0]):
+        options["breakpoints"] = inside
+        refuses(ValueError, message, cg.solve_ivp, f, (0.0, 3.0), [1.0], **options)
+        refuses(ValueError, message, cg.solve_ensemble, f, (0.0, 3.0), [[1.0]], **options)
+        refuses(ValueError, message, cg.Stepper, f, 0.0, [1.0], **options)
+    options["breakpoints"] = [0.0, 3.0]  # the ends of the span
+    assert cg.solve_ivp(f, (0.0, 3.0), [1.0], **options).success
+
+
+def test_equal_steps_have_no_first_step():
+    stepper = cg.Stepper(lambda t, y: y, 0.0, [1.0], frame=Euclidean(1), h=0.1)
+    refuses(ValueError, "first_step must be None with h", stepper.restart, first_step=0.05)
 
 
 def test_the_step_after_a_breakpoint_has_the_forces_behind_it():

@@ -325,10 +325,15 @@ def check_inputs(
             expected = f"be for {members} members" if members else "be without members=True here"
             raise ValueError(f"{which} must {expected}, got {curve!r}")
     if table is not None:
-        low, high = float(table.c.min()), float(table.c.max())
-        if low < -_ABSCISSA_ERROR or high > 1.0 + _ABSCISSA_ERROR:
-            raise ValueError(
-                f"method must evaluate f within the step with inputs, got {table!r}, whose "
-                f"abscissae lie between {low:g} and {high:g}"
-            )
+        check_abscissae(table, "inputs")
     return Inputs(tuple(curves), in_tuple)
+
+
+def check_abscissae(table: MethodTable, name: str) -> None:
+    """Raise ValueError if stages lie outside the step, beyond corners where ``f`` is another."""
+    low, high = float(table.c.min()), float(table.c.max())
+    if low < -_ABSCISSA_ERROR or high > 1.0 + _ABSCISSA_ERROR:
+        raise ValueError(
+            f"method must evaluate f within the step with {name}, got {table!r}, whose abscissae "
+            f"lie between {low:g} and {high:g}"
+        )
