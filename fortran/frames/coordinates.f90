@@ -46,7 +46,7 @@ contains
   ! Computes the smallest v whose flow leads from x to y, NaN if they are half a turn apart.
   subroutine difference(frame, x, y, v)
     type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
+    real(wp), contiguous, target, intent(in) :: x(:), y(:)       ! (point_size)
     real(wp), contiguous, intent(out) :: v(:)          ! (dimension)
     integer :: i
 

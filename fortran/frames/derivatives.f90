@@ -25,7 +25,8 @@ contains
   ! Computes the coefficients of a derivative at a point, and reports the largest part dropped.
   subroutine coefficients_of(frame, t, y, slope, v)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: t, y(frame%point_size), slope(frame%point_size)
+    real(wp), intent(in) :: t
+    real(wp), target, intent(in) :: y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
     real(wp), allocatable :: answer(:)       ! of Python: coefficients, length of what is dropped

@@ -1,7 +1,7 @@
 ! Interface for f2py of plans and runs, which stay in memory between calls, at addresses.
 module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
-  use, intrinsic :: iso_fortran_env, only: int8
+  use, intrinsic :: iso_fortran_env, only: int8, int64
   use callback_m, only: callback_t
   use collocation_m, only: refactor
   use frames_m, only: distance_bound, frame_t, make_frame
@@ -200,7 +200,8 @@ contains
     integer, intent(in) :: count, members
     integer(int8), intent(inout) :: bytes(count, members)  ! see exchange_state
     type(run_t), pointer :: run
-    integer :: i, used
+    integer :: i
+    integer(int64) :: used
 
     run => run_at(address)
     do i = 1, members

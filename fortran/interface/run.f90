@@ -141,8 +141,7 @@ contains
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
-      call exchange_state(run%lanes(1), .false., none, i)
-      record%state_size = int(i, int64)
+      call exchange_state(run%lanes(1), .false., none, record%state_size)
     end associate
   end subroutine set_lanes
 

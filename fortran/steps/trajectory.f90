@@ -238,25 +238,20 @@ contains
     associate (frame => problem%frame, method => problem%method, record => problem%record, &
                n => problem%frame%point_size, m => problem%frame%dimension, &
                first => problem%method%path_first, events => problem%events%count)
-      paths = size(method%origin)
-      summands = size(method%error, 1)
-      x%result = method%result
-      if (method%kind == registers_kind) then
-        paths = 1
-        summands = 1
-        x%result = 1
-      end if
+      paths = merge(1, size(method%origin), method%kind == registers_kind)
+      summands = merge(1, size(method%error, 1), method%kind == registers_kind)
+      x%result = merge(1, method%result, method%kind == registers_kind)
       width = 0
       if (problem%adaptive) width = size(problem%tolerances%atol)
       allocate (x%request%y(n), x%request%slope(merge(n, 0, frame%derivatives)), &
-                x%request%answer(m), x%weight(size(method%flows%weight)), x%y(n, 0:paths), &
+                x%request%answer(m), x%weight(size(method%flows%weight)), &
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
                 x%slope(m), x%end_slope(m), x%events(events), &
                 x%query(query_numbers + n + events, 0), x%norms%scale(width), &
                 x%norms%vector(width), x%norms%change(width), x%norms%displacement(m), stat=memory)
       if (memory /= 0) return
       last = merge(1, 0, record%keep_last)
-      allocate (x%last_y(n * last), x%last_slope(m * last), &
+      allocate (x%y(n, 0:paths), x%last_y(n * last), x%last_slope(m * last), &
                 x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
                 x%added(m, merge(summands, 0, method%estimate == parts_of_series_estimate)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
@@ -361,26 +356,26 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     logical, intent(in) :: restores
     integer(int8), intent(inout) :: bytes(:) ! as many as are used, or none to count them
-    integer, intent(out) :: used
-    integer, parameter :: bytes_of_real = storage_size(1.0_wp) / 8
+    integer(int64), intent(out) :: used
+    integer, parameter :: bits_of_real = storage_size(1.0_wp)
     integer :: status
 
     used = 0
-    call move(c_loc(x%state_t), storage_size(x%state_t) / 8)
-    call move(c_loc(x%collocation%newton_state_t), storage_size(x%collocation%newton_state_t) / 8)
-    call move(c_loc(x%events), storage_size(x%events) / 8 * size(x%events))
-    call move(c_loc(x%y), bytes_of_real * size(x%y, 1))
-    call move(c_loc(x%slope), bytes_of_real * size(x%slope))
-    call move(c_loc(x%f), bytes_of_real * size(x%f))
-    call move(c_loc(x%last_y), bytes_of_real * size(x%last_y))
-    call move(c_loc(x%last_slope), bytes_of_real * size(x%last_slope))
-    call move(c_loc(x%f_before), bytes_of_real * size(x%f_before))
-    call move(c_loc(x%joints%impulse), bytes_of_real * size(x%joints%impulse))
-    call move(c_loc(x%collocation%last), bytes_of_real * size(x%collocation%last))
-    call move(c_loc(x%collocation%jacobian), bytes_of_real * size(x%collocation%jacobian))
-    call move(c_loc(x%implicit%factored_h), bytes_of_real * size(x%implicit%factored_h))
-    call move(c_loc(x%implicit%lu), bytes_of_real * size(x%implicit%lu))
-    call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot) / 8 * size(x%implicit%pivot))
+    call move(c_loc(x%state_t), storage_size(x%state_t), 1)
+    call move(c_loc(x%collocation%newton_state_t), storage_size(x%collocation%newton_state_t), 1)
+    call move(c_loc(x%events), storage_size(x%events), size(x%events))
+    call move(c_loc(x%y), bits_of_real, size(x%y, 1))
+    call move(c_loc(x%slope), bits_of_real, size(x%slope))
+    call move(c_loc(x%f), bits_of_real, size(x%f))
+    call move(c_loc(x%last_y), bits_of_real, size(x%last_y))
+    call move(c_loc(x%last_slope), bits_of_real, size(x%last_slope))
+    call move(c_loc(x%f_before), bits_of_real, size(x%f_before))
+    call move(c_loc(x%joints%impulse), bits_of_real, size(x%joints%impulse))
+    call move(c_loc(x%collocation%last), bits_of_real, size(x%collocation%last))
+    call move(c_loc(x%collocation%jacobian), bits_of_real, size(x%collocation%jacobian))
+    call move(c_loc(x%implicit%factored_h), bits_of_real, size(x%implicit%factored_h))
+    call move(c_loc(x%implicit%lu), bits_of_real, size(x%implicit%lu))
+    call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot), size(x%implicit%pivot))
     if (.not. restores) return
     x%last%cut = .false.                     ! the interpolant isn't saved
     status = x%status
@@ -389,15 +384,17 @@ contains
 
   contains
 
-    ! Copies some bytes at an address to the next ones of `bytes`, or from there.
-    subroutine move(address, count)
+    ! Copies items at an address to the next bytes, or from there. Large matrices have many bytes.
+    subroutine move(address, bits, items)
       type(c_ptr), intent(in) :: address
-      integer, intent(in) :: count
+      integer, intent(in) :: bits, items
       integer(int8), pointer, contiguous :: part(:)
+      integer(int64) :: count
 
+      count = int(bits / 8, int64) * int(items, int64)
       call c_f_pointer(address, part, [count])
       used = used + count
-      if (used > size(bytes)) return
+      if (used > size(bytes, kind=int64)) return
       if (restores) part = bytes(used - count + 1:used)
       if (.not. restores) bytes(used - count + 1:used) = part
     end subroutine move

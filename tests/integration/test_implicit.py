@@ -9,6 +9,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean, Product
 from cg.integration.arguments import STAGE_SOLVERS
 from cg.problems import StateDependentRotation
+from cg.support.checks import total_memory
 
 MIDPOINT = Tableau([["1/2"]], ["1"], name="implicit midpoint")
 TRAPEZOIDAL = Tableau([["0", "0"], ["1/2", "1/2"]], ["1/2", "1/2"], name="trapezoidal")
@@ -140,3 +141,12 @@ def test_fixed_steps_end_newton_where_rounding_of_f_keeps_corrections_from_decre
         frame=cg.frames.Euclidean(1), method="RadauIIA5", h=0.1,
     )  # fmt: skip
     assert abs(run.y[-1, 0] - np.cos(3) - np.sin(3) / rate) < 2 / rate**2 + 1e-10
+
+
+@pytest.mark.skipif(total_memory() < 4 << 30, reason="it needs addresses for 2 GiB")
+def test_matrices_of_two_gigabytes_have_as_many_bytes():
+    """Of one of 16,384 unknowns the number of bytes is beyond 32 bits; it isn't written here."""
+    n = 1 << 14
+    options = {"frame": Euclidean(n), "method": "ImplicitMidpoint", "h": 0.1}
+    stepper = cg.Stepper(lambda t, y: -y, 0.0, np.ones(n), **options)
+    assert stepper._run.record.state_size > 8 * n**2 >= 2**31

@@ -72,10 +72,10 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        solver_rows = 0
+        solver_numbers = 0
         if not plan.step_table.explicit:
             self.record.jacobian = self._jacobian_kind()
-            solver_rows = self._count_solver_rows()
+            solver_numbers = self._count_solver_numbers()
         self._buffers: dict[str, Any] = {}
         # what calls have stored, at first nothing, in which members and events are counted from 1
         ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
@@ -92,7 +92,7 @@ class Run:
                 self._share("times", np.array(problem.t_eval))
                 self._share(name, array)
         self._share_problem()
-        self._open(solver_rows)
+        self._open(solver_numbers)
 
     def _make_record(self, keep_last: bool) -> Record:
         plan, problem, control = self.plan, self.problem, self.control
@@ -124,28 +124,28 @@ class Run:
         iterated = problem.stage_solver == "fixed-point" and kind is not Kind.COLLOCATION
         return JacobianKind.OUTSIDE if iterated else JacobianKind.DIFFERENCES
 
-    def _count_solver_rows(self) -> int:
-        """Return how many vectors are kept to solve implicit stages."""
+    def _count_solver_numbers(self) -> int:
+        """Return how many numbers are kept to solve implicit stages, most of them in matrices."""
         plan, stages = self.plan, self.plan.table.stages
         factors = plan.dim if self.record.jacobian != JacobianKind.OUTSIDE else 0
         if plan.step_table.kind is Kind.COLLOCATION:
-            return stages - 1 + factors
+            return 4 * (stages - 1 + factors) * plan.dim
         blocks = plan.step_table.record.blocks
-        return factors * stages**2 // blocks + stages if factors and blocks else 0
+        return (factors * stages**2 // blocks + stages) * plan.dim if factors and blocks else 0
 
-    def _open(self, solver_rows: int) -> None:
+    def _open(self, solver_numbers: int) -> None:
         """Open the run in compiled code, which allocates memory for the members in its lanes.
 
-        ``solver_rows`` are as many as the solver of implicit stages keeps.
+        ``solver_numbers`` are as many as the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
         within = problem.dense_output or record.outputs or self._functions or record.keep_last
         if within and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.step_table.kept_vectors + 4 * (plan.step_table.kept_nodes + solver_rows)
+        rows = plan.step_table.kept_vectors + 4 * plan.step_table.kept_nodes
         rows += 2 * plan.interpolant_vectors if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
-        needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
+        needed = lanes * 8 * (rows * (plan.width + 2 * plan.dim) + solver_numbers)
         self._check_memory(needed)
         self.address = self._core.run_open(plan.address, ctypes.addressof(record))
         if not self.address:
