@@ -73,7 +73,8 @@ class Case:
     def grown(self) -> float:
         """Return the bound of points times the growth of errors, which is computed when needed."""
         factor = growth(self.path, list(self.grid()))
-        if factor > 1e4:  # which makes one half of 50 tolerances of 1e-6
+        # 1e4 makes one half of 50 tolerances of 1e-6, and points are of size one
+        if factor > 1e4 or factor * self.bound > 1.0:
             raise Unclear("errors grow too much")
         return factor * self.bound
 

@@ -47,8 +47,9 @@ def test_output_does_not_change_which_events_are_found():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 201))
 def test_many_programs(seed):
-    _, failed = run(seed, range(250))
+    outcomes, failed = run(seed, range(250))
     assert not failed
+    assert outcomes["compared"] > 200
 
 
 @pytest.mark.parametrize("space", SPACES, ids=lambda space: space.expression[10:40])
