@@ -124,17 +124,9 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         root = np.asarray(np.linalg.cholesky(matrix), np.float64)
         inverse = 0.5 * (inverse + inverse.T)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
-    bodies.append(
-        Body(
-            inverse,
-            root,
-            None,
-            _top(frame, matrix, name),
-            slice(vectors, vectors + frame.dim),
-            slice(points, points + real_size(frame)),
-            isinstance(frame, Sphere),
-        )
-    )
+    places = slice(vectors, vectors + frame.dim), slice(points, points + real_size(frame))
+    top = _top(frame, matrix, name)
+    bodies.append(Body(inverse, root, None, top, *places, isinstance(frame, Sphere)))
     return None if value is None else matrix
 
 

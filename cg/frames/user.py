@@ -196,13 +196,9 @@ class FieldFrame(UserFrame):
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
         vars(self).update(_fields=functions, _flow=flow, _point_shape=shape, _dtype=np.dtype(dtype))
         self._store_functions(
-            membership_error=membership_error,
-            restore=restore,
-            project=project,
-            exp_coordinates=exp_coordinates,
-            random_point=random_point,
-            bracket=bracket,
-        )
+            membership_error=membership_error, restore=restore, project=project,
+            exp_coordinates=exp_coordinates, random_point=random_point, bracket=bracket,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         names = ", ".join(getattr(f, "__name__", repr(f)) for f in self._fields)

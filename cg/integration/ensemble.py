@@ -258,7 +258,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     problem = add_derivatives(problem, options)
     if whole.one_by_one and problem is not whole:
         problem = replace(problem, inertia=None)
-        # those that processes get with each part; the covariance comes from the derivatives of all
+        # options sent with each part; covariances come from the collected derivatives of all
         chosen = {name: value for name, value in options.items() if name in _DERIVATIVE_OPTIONS}
         part_options = chosen | {"P0": None}
     else:

@@ -66,11 +66,12 @@ def solve_ivp(
         ``"RadauIIA5"`` is for stiff equations, with Newton's method. ``solution.method`` is the
         method used.
 
-        With ``linear`` also a `cg.MagnusMethod`. By default ``"Magnus8(4)"``, where flows are in
+        With ``linear`` also a `cg.MagnusMethod`. The default is ``"CFM8(4)"`` where flows are in
         closed form (Euclidean space, rotations, quaternions, rigid motions, the sphere, SU(2)) or
-        there is no `Frame.bracket` ``"CFM8(4)"``, on `cg.frames.LinearAction` the nine nodes of
-        Lobatto's formula. Other methods take the same steps as without ``linear``, but compute no
-        points of stages, so that those of Munthe-Kaas need one flow per step.
+        no `Frame.bracket` is known. It is the nine nodes of Lobatto's formula on
+        `cg.frames.LinearAction`, and ``"Magnus8(4)"`` elsewhere. Other methods take the same steps
+        as without ``linear``, but compute no points of stages, so that those of Munthe-Kaas need
+        one flow per step.
     h
         Size of fixed steps, positive; the last may be shorter. No error is estimated.
     rtol, atol

@@ -168,15 +168,10 @@ def group_rules(frame: MatrixGroup) -> Rules:
         return group.inverse(y) @ change if body else change @ group.inverse(y)
 
     return Rules(
-        frame,
-        flow,
-        group.restore,
-        lambda y0, y1: group.log1p(quotient(y0, y1 - y0)),
-        group.dexpinv,
-        lambda y, tangent: projection(frame, quotient(y, tangent)),
-        group.unequal_sizes,
-        group.distance,
-    )
+        frame, flow, group.restore, lambda y0, y1: group.log1p(quotient(y0, y1 - y0)),
+        group.dexpinv, lambda y, tangent: projection(frame, quotient(y, tangent)),
+        group.unequal_sizes, group.distance,
+    )  # fmt: skip
 
 
 def semidirect_rules(frame: Semidirect) -> Rules:
@@ -333,14 +328,9 @@ def _motions(frame: Semidirect) -> Group:
         return jnp.maximum(rotations.distance(y[:n, :n]), lower)
 
     return Group(
-        exponential,
-        log1p,
-        motion_dexpinv(frame._side),
-        inverse,
-        lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]),
-        distance,
-        sizes,
-    )
+        exponential, log1p, motion_dexpinv(frame._side), inverse,
+        lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]), distance, sizes,
+    )  # fmt: skip
 
 
 def _assembled(rotation: JaxArray, columns: JaxArray) -> JaxArray:

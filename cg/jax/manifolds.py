@@ -52,29 +52,19 @@ def sphere_rules(frame: frames.Sphere) -> Rules:
         return angle_over_sine(vector @ vector, cosine) * vector
 
     return Rules(
-        frame,
-        lambda v, y: group.exponential(v) @ y,
-        unit_step,
-        log,
-        group.dexpinv,
-        turn,
-        distance=length_error,
-        unique=False,
-    )
+        frame, lambda v, y: group.exponential(v) @ y, unit_step, log, group.dexpinv, turn,
+        distance=length_error, unique=False,
+    )  # fmt: skip
 
 
 def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
     return Rules(
-        frame,
-        lambda v, y: group.exponential(v) @ y,
-        newton_schulz,
-        dexpinv=group.dexpinv,
+        frame, lambda v, y: group.exponential(v) @ y, newton_schulz, dexpinv=group.dexpinv,
         closed_coefficients=lambda y, x: projection(frame.group, min_norm_generator(y, x)),
-        distance=column_error,
-        unique=False,
-    )
+        distance=column_error, unique=False,
+    )  # fmt: skip
 
 
 def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralOrbit) -> Rules:

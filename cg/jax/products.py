@@ -110,17 +110,12 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         return jax.vmap(rules.composed, 1)(path.reshape(len(path), n, m)).reshape(-1)
 
     return Rules(
-        frame,
-        lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y),
-        jax.vmap(rules.restore),
+        frame, lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y), jax.vmap(rules.restore),
         None if rules.log is None else on_points(rules.log),
-        None if rules.dexpinv is None else dexpinv,
-        on_points(rules.coefficients),
-        on_points(rules.sizes),
-        lambda y: jax.vmap(rules.distance)(y).max(),
-        unique=rules.unique,
+        None if rules.dexpinv is None else dexpinv, on_points(rules.coefficients),
+        on_points(rules.sizes), lambda y: jax.vmap(rules.distance)(y).max(), unique=rules.unique,
         composed=None if rules.composed is None else composed,
-    )
+    )  # fmt: skip
 
 
 def _check_product(frame: Any) -> None:

@@ -45,13 +45,9 @@ def convergence(
         guide = values[smallest] * (sizes / sizes[smallest]) ** slope
         ax.plot(sizes, guide, color=FAINT, linewidth=0.9, linestyle=(0, (1, 2)), zorder=0)
         ax.annotate(
-            f"order {slope:g}",
-            (sizes[smallest], guide[smallest]),
-            xytext=(9, -7),
-            textcoords="offset points",
-            fontsize=8,
-            color="#444444",
-        )
+            f"order {slope:g}", (sizes[smallest], guide[smallest]), xytext=(9, -7),
+            textcoords="offset points", fontsize=8, color="#444444",
+        )  # fmt: skip
     ax.set_xlabel("step size h")
     return ax
 

@@ -45,7 +45,7 @@ _ISOTROPY = 1e-3
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Adjoint:
-    """What a solution with ``derivatives="adjoint"`` adds: gradients of a cost, or of its end.
+    """What a solution with ``derivatives="adjoint"`` adds: gradients of a number.
 
     Examples
     --------
@@ -186,7 +186,7 @@ class Adjoint:
             return self._frame._coefficients(points, self._frame.field(v, points))[0]
 
         along = without_isotropy(cotangents)
-        # near singular matrices both are inaccurate, which a second time shows
+        # the projection is inaccurate near singular matrices; a second one measures by how much
         error = np.linalg.norm(without_isotropy(along) - along, axis=-1)
         bound = _ISOTROPY * np.linalg.norm(cotangents, axis=-1) + 1e3 * error
         wrong = np.linalg.norm(along - cotangents, axis=-1) > bound

@@ -73,7 +73,7 @@ def jumps_of_lines(times: Array, values: Array, slopes: Array) -> Array:
 
 
 _IGNORED = 0.08  # deviations between samples, of a spline whose kinks count as 1
-_BLOCKS_PER_STEP = 2.0  # blocks in the longest step, whose nodes are closer than its ends
+_BLOCKS_PER_STEP = 2.0  # blocks in the longest step, whose own nodes are closer than that
 _PEAK = 1.5  # the largest value of an oscillation relative to its mean deviation
 _FALL = 16.0  # ratio of the errors of cubics when distances are halved
 
@@ -252,7 +252,7 @@ class Samples(ReadOnly):
         self._pieces.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
-        # without what is computed when asked for, since parts for some members are copies
+        # without cached properties: parts for some members are copies with other values
         kept = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in kept}
 
