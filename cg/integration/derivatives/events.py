@@ -158,7 +158,7 @@ class VariationalEvents(EventTable):
     ) -> bool:  # fmt: skip
         """Return whether a function has another sign behind an edge, at which the event stays.
 
-        So it is where an input jumps. Values differ by rounding if by little of their ``span``.
+        This is the case where an input jumps. A difference far below ``span`` is rounding.
         """
         edge = float(self.edges[np.abs(self.edges - t).argmin()])
         if abs(edge - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.edges))):
