@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from cg.frames.algebra import FieldAlgebra
 from cg.frames.compiled import Blocks, move
 from cg.frames.manifold import (
+    FLOAT64,
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
@@ -348,7 +349,7 @@ class Frame(Manifold, FieldAlgebra):
     @property
     def rhs_dtype(self) -> np.dtype[Any]:
         """Type of what right-hand sides return: float64, or that of points for derivatives."""
-        return np.dtype(np.float64) if self._user_frame is None else self.dtype
+        return FLOAT64 if self._user_frame is None else self.dtype
 
     def complete_rhs(self, f: Points, y: Points) -> Array:
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""

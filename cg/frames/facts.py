@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -17,22 +18,42 @@ Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
 
 
-def is_compiled(frame: Frame) -> bool:
-    """Return whether compiled code has the flows of a frame."""
-    return frame.compiled_blocks() is not None
+class Facts:
+    """What integrations ask of a frame at each call, computed once."""
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+        self.blocks = frame.compiled_blocks()
+        self.compiled = self.blocks is not None
+        # whether compiled code computes the flow from one point to another
+        self.has_difference = self.blocks is not None and not compared_by_entries(self.blocks)
+        self.jointed = frame.jointed
+        self.plans: dict[Any, Any] = {}  # those of `cg.integration.plan`
+
+    @cached_property
+    def no_brackets(self) -> str | None:
+        """Why the frame has no brackets of its fields, None if it has."""
+        try:
+            self.frame.bracket(np.zeros(self.frame.dim), np.zeros(self.frame.dim))
+        except NotImplementedError as error:
+            return str(error)
+        return None
+
+    @property
+    def has_brackets(self) -> bool:
+        """Whether the frame has brackets of its fields."""
+        return self.no_brackets is None
 
 
-def has_compiled_difference(frame: Frame) -> bool:
-    """Return whether compiled code computes the flow from one point to another."""
-    blocks = frame.compiled_blocks()
-    return blocks is not None and not compared_by_entries(blocks)
+facts_of = cached_by_value(Facts)
+"""The facts of a frame, which are kept for the last 64 frames."""
 
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     """Return `Frame.dexpinv` for a method of some order."""
-    if isinstance(frame, HomogeneousSpace) and is_compiled(frame.group):
+    if isinstance(frame, HomogeneousSpace) and facts_of(frame.group).compiled:
         frame = frame.group
-    blocks = frame.compiled_blocks()
+    blocks = facts_of(frame).blocks
     return partial(frame.dexpinv if blocks is None else partial(dexpinv, blocks), order=order)
 
 
@@ -42,22 +63,11 @@ def for_derivatives(frame: Frame) -> dict[bool, Frame]:
     return {known: frame.for_derivatives(with_brackets=known) for known in (False, True)}
 
 
-@cached_by_value
-def has_brackets(frame: Frame) -> bool:
-    """Return whether a frame has brackets of its fields."""
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError:
-        return False
-    return True
-
-
 def check_brackets(frame: Frame, method: object) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError as error:
+    why = facts_of(frame).no_brackets
+    if why is not None:
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{method!r}, which needs brackets: {error}"
-        ) from None
+            f"{method!r}, which needs brackets: {why}"
+        )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
 
+FLOAT64 = np.dtype(np.float64)
 MEMBERSHIP_TOLERANCE = 1e-8
 _PROJECTABLE = 10.0  # error of points of which messages say that they may be projected
 
@@ -28,7 +29,7 @@ class Manifold(ABC):
     @property
     def dtype(self) -> np.dtype[Any]:
         """Type of a point's entries: float64, or complex128."""
-        return np.dtype(np.float64)
+        return FLOAT64
 
     @abstractmethod
     def membership_error(self, y: ArrayLike) -> Array:

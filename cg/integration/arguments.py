@@ -210,7 +210,7 @@ def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Poin
         points = y0.copy()
     else:
         points = read_points(frame, y0, name)
-    if points.shape == shape and plan.surely_on_manifold(points[None]):
+    if points.shape == shape and plan.surely_on_manifold(points):
         return points[None]
     rank = len(shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
@@ -364,10 +364,11 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
         hint = hint or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
     values: Any = options
-    for name in function.needed & options.keys():
-        if values[name] is None or values[name] is False:
+    for name in function.needed:
+        if name in options and (values[name] is None or values[name] is False):
             raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
-    complete: Any = {**_DEFAULTS, **function.options, **options}
+    complete: Any = function.complete.copy()
+    complete.update(options)
     for name in _FLAGS:
         if name in options:
             complete[name] = check_flag(name, complete[name])
@@ -397,6 +398,7 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
         ]
         changed: Any = function
         changed.options, changed.needed = options, set(defaults)
+        changed.complete = _DEFAULTS | options  # with those of other functions
         changed.__signature__ = signature.replace(parameters=parameters)
         # a misspelt keyword gets its better message before a missing frame gets one
         changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}

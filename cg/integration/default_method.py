@@ -22,7 +22,7 @@ The page of benchmarks lists the pairs that the rules select; a test checks thei
 from __future__ import annotations
 
 from cg.frames import Frame
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 from cg.frames.linear_action import LinearAction
 from cg.support.shared_numbers import BlockKind
 
@@ -41,15 +41,16 @@ def choose_method(
     frame: Frame, rtol: float | None, linear: bool = False, kinks: bool = False
 ) -> str:
     """Return the name of the default method on a frame; ``rtol`` is None for fixed steps."""
+    facts = facts_of(frame)
     if linear:
         if isinstance(frame, LinearAction):
             # nine nodes of interpolation; more of them save few evaluations and no products
             return "Lobatto's formula"
-        blocks = frame.compiled_blocks()
+        blocks = facts.blocks
         cheap = blocks is not None and _CHEAP_FLOWS.issuperset(block[0] for block in blocks)
-        return "CFM8(4)" if cheap or not has_brackets(frame) else "Magnus8(4)"
+        return "CFM8(4)" if cheap or not facts.has_brackets else "Magnus8(4)"
     if rtol is None:
         return "CF5(4)"
-    if has_brackets(frame) and not (kinks and rtol >= _LIMIT):
+    if facts.has_brackets and not (kinks and rtol >= _LIMIT):
         return "RKMK8(5,3)"
     return "CF5(4)" if rtol >= _LIMIT else "DOP853"

@@ -149,7 +149,7 @@ class Collector:
             "observed": results.observed,
             "_direction": problem.direction,
         }
-        solution = filled(EnsembleSolution, **fields)
+        solution = filled(EnsembleSolution, fields)
         return solution if problem.finish is None else problem.finish(problem, solution)
 
 
@@ -175,11 +175,13 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
         solution = ensemble.solution()[0]
         return solution if problem.with_gradients is None else problem.with_gradients(solution)
     results.t.setflags(write=False)
-    ends = problem.direction, results.reached.item(0), results.status[0], results.counts[0].tolist()
-    return filled(
-        Solution, **member_fields(results, 0, *ends), sol=None, t_events=None, y_events=None,
-        y_after=None, table=problem.plan.table, frame=problem.plan.user_frame, h=problem.control.h,
-    )  # fmt: skip
+    end, status = results.reached.item(0), results.status.item(0)
+    fields = member_fields(results, 0, problem.direction, end, status, results.counts[0].tolist())
+    fields |= {
+        "sol": None, "t_events": None, "y_events": None, "y_after": None,
+        "table": problem.plan.table, "frame": problem.plan.user_frame, "h": problem.control.h,
+    }  # fmt: skip
+    return filled(Solution, fields)
 
 
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:

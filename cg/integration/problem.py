@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
-from cg.frames.facts import check_brackets, for_derivatives, has_brackets
+from cg.frames.facts import check_brackets, facts_of, for_derivatives
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration import arguments
@@ -242,7 +242,7 @@ def _read_tolerances(
     plan: Plan, in_coordinates: bool, rtol: Array, options: EnsembleOptions
 ) -> tuple[Array, Array]:
     """Return relative and absolute tolerances of one shape after checking their shapes."""
-    shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
+    shape = (plan.dim,) if in_coordinates else plan.point_shape
     atol = arguments.check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
@@ -295,7 +295,7 @@ def _checked_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if not isinstance(frame, PhaseSpace) and frame.jointed:
+    if facts_of(frame).jointed and not isinstance(frame, PhaseSpace):
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
@@ -321,7 +321,7 @@ def _checked_method(
                 "a drift between joints is none that is known exactly"
             )
     along = isinstance(frame, LinearAction) and chosen.polynomial is not None
-    if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
+    if chosen.on_algebra or (chosen.has_brackets and not along):
         check_brackets(frame, chosen)
     return chosen
 
@@ -534,13 +534,14 @@ def make_problem(
     events = _read_events(options, frame, rhs, start, stop)
     step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    return filled(
-        Problem,
-        plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
-        limits=limits, control=control, events=events, t_eval=t_eval,
-        every=every if t_eval is None else 0, dense_output=options["dense_output"],
-        stage_solver=options["stage_solver"], ensemble=ensemble,
-        common_steps=options["common_steps"], linear=options["linear"], jacobian=jacobian,
-        observer=observer, member_inputs=member_inputs, thermostat=options["thermostat"],
-        inertia=inertia, step_function=step_function,
-    )  # fmt: skip
+    fields = {
+        "plan": plan, "in_coordinates": in_coordinates, "rhs": rhs, "points": points,
+        "t0": start, "stops": stops, "limits": limits, "control": control, "events": events,
+        "t_eval": t_eval, "every": every if t_eval is None else 0,
+        "dense_output": options["dense_output"], "stage_solver": options["stage_solver"],
+        "ensemble": ensemble, "common_steps": options["common_steps"],
+        "linear": options["linear"], "jacobian": jacobian, "observer": observer,
+        "member_inputs": member_inputs, "thermostat": options["thermostat"],
+        "inertia": inertia, "step_function": step_function,
+    }  # fmt: skip
+    return filled(Problem, fields)

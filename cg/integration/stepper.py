@@ -523,7 +523,7 @@ class Stepper:
         self.t, self._has_step = run.reached.item(0), True
         if self._many:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
-        elif table is not None:
+        elif table is not None and run.events_of_calls:
             rows = run.events_of_calls[-1]
             last = rows[rows[:, EventColumn.TIME] == self.t, EventColumn.NUMBER].astype(int) - 1
             if len(last) and (stopped or table.rows["jumps"][last].any()):

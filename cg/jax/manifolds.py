@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg import frames
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import min_norm_generator
 from cg.jax.entire import JaxArray, angle_over_sine, power_series
@@ -153,5 +153,5 @@ def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearActio
 
     restore = frame._functions.get("restore", same)
     log = frame._functions.get("exp_coordinates")
-    dexpinv = make_series_dexpinv(frame) if has_brackets(frame) else None
+    dexpinv = make_series_dexpinv(frame) if facts_of(frame).has_brackets else None
     return Rules(frame, flow, restore, log, dexpinv, unique=False)

@@ -33,16 +33,25 @@ def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
 
 
 def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
-    """Return a function that keeps its last results, of what can be hashed."""
+    """Return a function that keeps its last results, of what can be hashed.
+
+    The very object of the call before is recognized without its hash.
+    """
     results = lru_cache(maxsize=_MAX_VALUES)(compute)
+    last: tuple[Any, Any] = (results, None)  # an argument that can be hashed, and its result
 
     @wraps(compute)
     def recall(argument: Keyed) -> Result:
-        try:
-            hash(argument)
-        except TypeError:
-            return compute(argument)
-        return results(argument)
+        nonlocal last
+        before, result = last
+        if argument is not before:
+            try:
+                hash(argument)
+            except TypeError:
+                return compute(argument)
+            result = results(argument)
+            last = argument, result
+        return result  # type: ignore[no-any-return]
 
     return recall
 
@@ -65,8 +74,11 @@ class ReadOnly:
             state[name].flags.writeable = False
 
 
-def filled(kind: type[Result], /, **fields: Any) -> Result:
-    """Return an object of a frozen dataclass with all its fields, much faster than by its class."""
+def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
+    """Return an object of a frozen dataclass with all its fields, which it keeps.
+
+    This is much faster than a call of the class, and many arguments by keyword take long too.
+    """
     record = object.__new__(kind)
-    vars(record).update(fields)
+    object.__setattr__(record, "__dict__", fields)
     return record

@@ -119,7 +119,7 @@ class MethodTable:
         """The abscissae of the stages, with that of an end that error estimates need."""
         return self.arrays["c"]
 
-    @property
+    @cached_property
     def explicit(self) -> bool:
         """Whether no equations have to be solved for the stages."""
         return self.kind not in (Kind.IMPLICIT, Kind.COLLOCATION)

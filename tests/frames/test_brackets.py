@@ -8,7 +8,7 @@ from refusals import refuses
 
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.algebra import bernoulli_terms, series_dexpinv
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 
 pytestmark = pytest.mark.no_core
 
@@ -18,7 +18,7 @@ over_frames = pytest.mark.parametrize("frame", WITH, ids=name)
 
 
 def test_bracket_raises_for_fields_without_lie_algebra():
-    without = [frame for frame in FRAMES if not has_brackets(frame)]
+    without = [frame for frame in FRAMES if not facts_of(frame).has_brackets]
     assert [type(frame) for frame in without] == [FieldFrame, MatrixFrame]
     assert without[0] is HEISENBERG
 

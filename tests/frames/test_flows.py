@@ -9,7 +9,7 @@ from flint import ctx
 
 from cg import frames as fr
 from cg.frames.compiled import constants_of
-from cg.frames.facts import is_compiled
+from cg.frames.facts import facts_of
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize
@@ -134,12 +134,12 @@ def test_which_orbits_are_compiled():
     assert orbit.compiled_blocks() == ((BlockKind.ISOSPECTRAL, 3, 0, 1.0, 2.0, 4.0),)
     blocks = fr.Product(orbit, orbit).compiled_blocks()
     assert constants_of(blocks).tolist() == [1.0, 2.0, 4.0, 1.0, 2.0, 4.0, 0.0]
-    assert all(is_compiled(frame) for frame in ORBITS)
+    assert all(facts_of(frame).compiled for frame in ORBITS)
     # errors of rotations are angles, those of these matrices are differences of entries
-    assert not is_compiled(fr.Product(orbit, fr.SO3()))
-    assert not is_compiled(fr.Product(fr.Euclidean(1), fr.Product(orbit)))
-    assert not is_compiled(fr.IsospectralOrbit((1.0, 2.0), hermitian=True))
-    assert not is_compiled(type("Child", (fr.IsospectralOrbit,), {})((1.0, 2.0)))
+    assert not facts_of(fr.Product(orbit, fr.SO3())).compiled
+    assert not facts_of(fr.Product(fr.Euclidean(1), fr.Product(orbit))).compiled
+    assert not facts_of(fr.IsospectralOrbit((1.0, 2.0), hermitian=True)).compiled
+    assert not facts_of(type("Child", (fr.IsospectralOrbit,), {})((1.0, 2.0))).compiled
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-300, 1e-12, 1e12, 1e300])

@@ -4,7 +4,7 @@ import numpy as np
 from frame_examples import FRAMES
 
 from cg import frames as fr
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 
 CLOSED = fr.MatrixFrame(
     [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]
@@ -21,7 +21,7 @@ HEISENBERG_GROUP = fr.FieldFrame(
 )
 
 
-WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_brackets(frame)]
+WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if facts_of(frame).has_brackets]
 CLOSED_COORDINATES = [
     fr.SO3(), fr.SO3("space"), fr.UnitQuaternion(), fr.SU(2), fr.SU(2, "body"), fr.SE3(),
     fr.SE3("space"), fr.Semidirect(fr.SO3(), 2), fr.Sphere(2),

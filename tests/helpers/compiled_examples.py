@@ -7,7 +7,7 @@ import numpy as np
 
 from cg import frames as fr
 from cg.frames.compiled import apply_operation
-from cg.frames.facts import has_compiled_difference
+from cg.frames.facts import facts_of
 from cg.support.shared_numbers import Operation
 
 
@@ -27,7 +27,7 @@ def compiled_flows(frame):
 
 def difference_of(frame):
     """Return `Frame.exp_coordinates`, compiled where possible."""
-    if not has_compiled_difference(frame):
+    if not facts_of(frame).has_difference:
         return frame.exp_coordinates
     blocks, rank = frame.compiled_blocks(), len(frame.point_shape)
 

@@ -12,7 +12,7 @@ import cg
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.tableau import Tableau
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.frames.facts import is_compiled
+from cg.frames.facts import facts_of
 from cg.problems import StateDependentRotation
 from cg.problems.convergence import observed_order
 
@@ -214,7 +214,7 @@ def test_spans_below_the_resolution_of_steps(span, frame):
     y0 = frame.random_point(np.random.default_rng(1))
 
     f = lambda t, y: [1.0]
-    assert is_compiled(frame) is (frame == Euclidean(1))
+    assert facts_of(frame).compiled is (frame == Euclidean(1))
     solution = cg.solve_ivp(f, span, y0, frame=frame)
     assert (solution.status, solution.steps, solution.nrejected) == (0, 1, 0)
     assert solution.t.tolist() == list(span)

@@ -18,7 +18,7 @@ from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.points import MethodError
 from cg.frames import SO, SO3, Euclidean, MatrixFrame, Product, Sphere, UnitQuaternion
-from cg.frames.facts import dexpinv_of, is_compiled
+from cg.frames.facts import dexpinv_of, facts_of
 
 
 def test_reuse_of_the_last_stage():
@@ -250,7 +250,7 @@ def sized(frame, radius, seed=3):
 
 def functions(frame):
     in_python = partial(frame.dexpinv, order=8)
-    return [in_python, dexpinv_of(frame, 8)] if is_compiled(frame) else [in_python]
+    return [in_python, dexpinv_of(frame, 8)] if facts_of(frame).compiled else [in_python]
 
 
 @pytest.mark.parametrize("frame", ALL, ids=name)

@@ -11,9 +11,9 @@ from waves import TIGHT, Wave
 
 import cg
 from cg.frames import SO3, Euclidean, Product, Sphere
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 
-KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
+KNOWN = [frame for frame in FRAMES if facts_of(frame).has_brackets]
 
 
 # the first frame of each kind; the model's programs have derivatives on many others

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 from cg.frames.linear_action import LinearAction
 from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradient, Intervals, solve
 from cg.integration.derivatives.variational_equation import (
@@ -262,7 +262,7 @@ def tolerance_of(problem: Problem) -> float:
 def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     """Return the problem whose solution has gradients, after checking ``df_dp``."""
     frame, rhs = problem.plan.frame, problem.rhs
-    if not isinstance(frame, LinearAction) and not has_brackets(frame):
+    if not isinstance(frame, LinearAction) and not facts_of(frame).has_brackets:
         raise ValueError(
             "frame must be a LinearAction or know the bracket of its fields with "
             f"derivatives='adjoint', got {frame!r}"
@@ -319,8 +319,7 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = call_context(function, frame, shape, df_dp.check)
-        context = context.with_arguments(arguments)
+        context = call_context(function, arguments, frame, shape, df_dp.check)
         address, data = core.function_addresses()[0], np.array(id(context))
         return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
@@ -181,7 +181,7 @@ def _check_problem(problem: Problem, options: Options) -> None:
                     "method must not be a splitting method with derivatives of motion with "
                     f"{what}, got {table!r}"
                 )
-    if not has_brackets(frame):
+    if not facts_of(frame).has_brackets:
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"

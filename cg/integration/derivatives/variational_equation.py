@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.facts import is_compiled
+from cg.frames.facts import facts_of
 from cg.frames.product import Product
 from cg.integration.derivatives.noise import Noise
 from cg.integration.messages import DERIVATIVES
@@ -391,8 +391,7 @@ def _add_contexts(
         for name, function, shape, check in in_python:
             frame = variational.product if name == "along" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            context = call_context(function, frame, shape, check, dtype, changing)
-            context = context.with_arguments(rest)
+            context = call_context(function, rest, frame, shape, check, dtype, changing)
             contexts.append((context, np.array(id(context))))
             setattr(record, f"{name}_data", contexts[-1][1].ctypes.data)
     return contexts
@@ -451,13 +450,13 @@ def _functions(variational: VariationalEquation) -> list[_Function]:
     """Return the functions that compiled code calls."""
     frame, jac = variational.frame, variational.jac
     functions = [_Function("f", variational.f, frame.rhs_shape, variational.check)]
-    if frame._user_frame is not None and not is_compiled(frame):
+    if frame._user_frame is not None and not facts_of(frame).compiled:
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
             return variational.coefficients(t, y, arguments)
 
         functions = [_Function("f", coefficients, (frame.dim,), _unchecked)]
-    if jac is None and not is_compiled(frame):
+    if jac is None and not facts_of(frame).compiled:
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
             return variational.differences(t, y, arguments)

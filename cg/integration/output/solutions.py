@@ -436,7 +436,7 @@ class EnsembleSolution(_SolutionBase):
             raise error(f"member must be an integer in {allowed}, got {member!r}")
         member = range(len(self))[member]  # which takes negative ones
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
-        ends = self._direction, self.t_end[member], self.status[member], counts
+        ends = self._direction, self.t_end.item(member), self.status.item(member), counts
         fields = member_fields(self, member, *ends)
         fields |= {"table": self.table, "frame": self.frame, "h": self.h}
         for name in _EVENT_FIELDS:
@@ -446,15 +446,15 @@ class EnsembleSolution(_SolutionBase):
             array = getattr(self, name)
             fields[name] = None if array is None else array[: len(fields["t"]), member]
         fields["sol"] = None if self.sol is None else self.sol[member]
-        return filled(Solution, **fields)
+        return filled(Solution, fields)
 
 
 def member_fields(
-    results: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
+    results: Any, member: int, direction: float, end: float, status: int, counts: list[int]
 ) -> dict[str, Any]:
     """Return fields of the solution of a member up to its last time, from results of all."""
     t, y, observed = results.t, results.y, results.observed
-    if len(t) and t[-1] != end:
+    if len(t) and t.item(-1) != end:
         t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
         y = np.ascontiguousarray(y[: len(t), member])
@@ -468,7 +468,7 @@ def member_fields(
         "y": y,
         "observed": observed,
         **dict(zip(COUNTS, counts, strict=True)),
-        "status": int(status),
+        "status": status,
         "message": f"Failure: {message}." if status < 0 else message,
-        "success": bool(status >= 0),
+        "success": status >= 0,
     }

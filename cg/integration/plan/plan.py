@@ -10,13 +10,12 @@ import numpy as np
 
 from cg.frames.base import Frame
 from cg.frames.compiled import constants_of, describe_blocks
-from cg.frames.facts import has_brackets, has_compiled_difference, is_compiled
+from cg.frames.facts import facts_of
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace, linkage_of
 from cg.frames.product import Product
 from cg.support.arrays import Array, Points
-from cg.support.caches import cached_by_value
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 from cg.tables import Kind, MethodTable
@@ -38,8 +37,10 @@ class Plan:
         self.user_frame = frame._user_frame or frame  # another one where f returns derivatives
         along = table.polynomial if isinstance(frame, LinearAction) else None
         self.step_table = table if along is None else along
-        self.compiled = is_compiled(frame)
-        self._has_difference = has_compiled_difference(frame)
+        facts = facts_of(frame)
+        self.compiled, self._has_difference = facts.compiled, facts.has_difference
+        conditions = isinstance(frame, PhaseSpace) and frame.has_conditions
+        self._has_distance_bound = self.compiled and not conditions
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.reals_per_entry = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.reals_per_entry
@@ -105,7 +106,7 @@ class Plan:
         if self.compiled:
             blocks = frame.compiled_blocks() or ()
             return all(block[0] != BlockKind.SPHERE for block in blocks)
-        if frame.dim > _MAX_FIELDS or not has_brackets(frame):
+        if frame.dim > _MAX_FIELDS or not facts_of(frame).has_brackets:
             return False
         fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
         rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
@@ -113,18 +114,16 @@ class Plan:
 
     def surely_on_manifold(self, points: Points) -> bool:
         """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
-        space = self.frame
-        if not self.compiled or (isinstance(space, PhaseSpace) and space.has_conditions):
+        if not self._has_distance_bound:
             return False
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
-        rows = np.ascontiguousarray(points)
         if self.reals_per_entry == 2:
-            rows = rows.reshape(-1).view(np.float64)
-        return rows.reshape(-1, self.width)
+            points = np.ascontiguousarray(points).reshape(-1).view(np.float64)
+        return points.reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
@@ -139,7 +138,7 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 
 def plan_of(frame: Frame, table: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    plans = _plans_on(frame)
+    plans = facts_of(frame).plans
     key = id(table), frame._user_frame  # which == leaves out
     plan = plans.get(key)
     if plan is None:
@@ -147,8 +146,3 @@ def plan_of(frame: Frame, table: MethodTable) -> Plan:
             plans.pop(next(iter(plans)), None)
         plan = plans[key] = Plan(frame, table)  # which keeps the table alive
     return plan
-
-
-@cached_by_value
-def _plans_on(frame: Frame) -> dict[tuple[int, Frame | None], Plan]:
-    return {}

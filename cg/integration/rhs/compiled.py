@@ -82,7 +82,7 @@ class CompiledRhs:
         if extra.inputs is not None:
             data = extra.inputs.data_with(data)
         # much faster than replace
-        return filled(type(self), **vars(self) | {"extra": extra, "data": data})
+        return filled(type(self), vars(self) | {"extra": extra, "data": data})
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.function, self.name, self.frame, self.extra)

@@ -252,7 +252,7 @@ def _as_event(event: Any) -> Event:
         return event
     attributes = {name: getattr(event, name, default) for name, default in _DEFAULTS.items()}
     # checked later, with its index in messages
-    return filled(Event, function=event, **attributes)
+    return filled(Event, {"function": event, **attributes})
 
 
 class ObserverRecord(ctypes.Structure):

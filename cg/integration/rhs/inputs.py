@@ -257,6 +257,8 @@ class ExtraArguments(NamedTuple):
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return what functions of a member, or of an array of members, get."""
+        if self.parameters is None and self.inputs is None:
+            return self.args
         lead = () if self.inputs is None else (Reader(self.inputs, member),)
         rows = () if self.parameters is None else (self.parameters[member],)
         return (*lead, *self.args, *rows)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
+from array import array as numbers_in_memory
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -109,14 +109,16 @@ class Contexts:
     """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
     def __init__(self, function: Any, extra: ExtraArguments, count: int | None, *rest: Any) -> None:
-        self._connect(call_context(function, *rest), extra, count)
+        self._connect(call_context(function, extra.arguments(0), *rest), extra, count)
 
-    def _connect(self, context: CallContext, extra: ExtraArguments, count: int | None) -> None:
-        """Make the contexts of members, which are like a given one but for the arguments."""
-        members = range(1 if count is None else count)
-        self.contexts = [context.with_arguments(extra.arguments(k)) for k in members]
-        self._pointers = (ctypes.c_void_p * len(members))(*map(id, self.contexts))
-        self.data_address = ctypes.addressof(self._pointers)
+    def _connect(self, first: CallContext, extra: ExtraArguments, count: int | None) -> None:
+        """Make the contexts of members, which are like the first one but for the arguments."""
+        self.contexts = [first]
+        if count is not None:
+            others = map(extra.arguments, range(1, count))
+            self.contexts += [first.with_arguments(arguments) for arguments in others]
+        self._pointers = numbers_in_memory("Q", map(id, self.contexts))
+        self.data_address = self._pointers.buffer_info()[0]
         self._stride = 0 if count is None else 8
 
     def addresses(self) -> tuple[int, int, int]:
@@ -155,8 +157,9 @@ class PythonRhs(Contexts):
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        changed = filled(PythonRhs, **vars(self) | {"extra": extra})
-        changed._connect(self.contexts[0], extra, None if self.vectorized else extra.members)
+        changed = filled(PythonRhs, vars(self) | {"extra": extra})
+        first = self.contexts[0].with_arguments(extra.arguments(0))
+        changed._connect(first, extra, None if self.vectorized else extra.members)
         return changed
 
     def on_frame(self, frame: Frame) -> PythonRhs:
@@ -222,28 +225,29 @@ class CallContext(NamedTuple):
 
     def with_arguments(self, args: tuple[Any, ...]) -> CallContext:
         """Return the context of the same function with other arguments."""
-        if self.with_input:
-            args = (args[0].function(), *args[1:])
-        function, _, point, result, check, _, *flags = self  # in less time than by _replace
-        return CallContext(function, args, point, result, check, [None, None], *flags)
+        args = _with_reader(args) if self.with_input else args
+        entries = (self.function, args, *self[2:5], [None, None], *self[6:])
+        return tuple.__new__(CallContext, entries)  # in less time than by _replace
+
+
+def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return arguments with the function of time that the first one, a `Reader`, stands for."""
+    return (args[0].function(), *args[1:])
 
 
 def call_context(
-    function: Any, frame: Frame, shape: tuple[int, ...], check: Any, dtype: Any = np.float64,
-    changing: bool = False,
+    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
+    dtype: Any = np.float64, changing: bool = False,
 ) -> CallContext:  # fmt: skip
-    """Return the context of a function whose results have a shape, without its wrappers.
-
-    It has no arguments yet.
-    """
+    """Return the context of a function whose results have a shape, without its wrappers."""
     with_input = isinstance(function, WithInput)
     if with_input:
-        function = function.function
+        function, args = function.function, _with_reader(args)
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
     like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
-    return CallContext(function, (), *like, check, [], of_time, with_input, changing)
+    return CallContext(function, args, *like, check, [None, None], of_time, with_input, changing)
 
 
 @dataclass(frozen=True, eq=False)

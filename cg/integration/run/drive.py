@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.facts import has_brackets
+from cg.frames.facts import facts_of
 from cg.integration.run.run import Run
 from cg.support.parallel import raise_if_stopped
 from cg.support.shared_numbers import Stop
@@ -84,7 +84,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     if rejected > _MANY_REJECTED * steps:
         return _REJECTED
     explicit = table.explicit and table.kind is not Kind.LINEAR
-    limit = table.real_limit() if explicit and has_brackets(frame) else None
+    limit = table.real_limit() if explicit and facts_of(frame).has_brackets else None
     if limit is None or frame.dim > _MAX_DIM:
         return None
     if run.members > 1:
@@ -135,7 +135,7 @@ class StepBudget:
 
     def __init__(self) -> None:
         self.steps = 1  # at first, since the cost of a step is unknown
-        self._since = time.perf_counter()
+        self._since = 0.0  # set by `start`
 
     def start(self) -> int:
         """Return the number of steps to take, and start the clock."""

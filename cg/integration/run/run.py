@@ -29,6 +29,9 @@ from cg.tables import Kind
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
 _LANES = 1024  # members integrated at the same time by a vectorized function
+_STEPS, _INTERPOLANTS, _EVENTS = range(3)  # what calls store, as compiled code numbers it
+_ALL = slice(None)
+_INTERPOLANT_COLUMNS, _EVENT_COLUMNS = len(InterpolantColumn), len(EventColumn)
 _FAILED = {int(RhsFlag.OBSERVER_FAILED): "observe", int(RhsFlag.SIZE_FAILED): "step_function"}
 
 
@@ -77,14 +80,14 @@ class Run:
             self.record.jacobian = self._jacobian_kind()
             solver_numbers = self._count_solver_numbers()
         self._buffers: dict[str, Any] = {}
-        # what calls have stored, at first nothing, in which members and events are counted from 1
+        # the rows that calls have stored, in which members and events are counted from 1
         ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
         point = 1 + plan.width * problem.keeps_points
         self._bounds = point, point + count  # where points and observations end
-        self._steps = [np.empty((0, point + count))]
-        width = len(InterpolantColumn) + ends + plan.interpolant_vectors * plan.dim
-        self._dense = [np.empty((0, width))]
-        self.events_of_calls = [np.empty((0, len(EventColumn) + ends))]
+        width = _INTERPOLANT_COLUMNS + ends + plan.interpolant_vectors * plan.dim
+        self._widths = point + count, width, _EVENT_COLUMNS + ends
+        self._stored: tuple[list[Array], ...] = [], [], []
+        self.events_of_calls = self._stored[_EVENTS]
         self._share_members(plan.doubles(problem.points))
         for name, array in (("y", y), ("observed", observed)):
             if array is not None and len(array):
@@ -95,26 +98,34 @@ class Run:
         self._open(solver_numbers)
 
     def _make_record(self, keep_last: bool) -> Record:
-        plan, problem, control = self.plan, self.problem, self.control
+        plan, problem, control, events = self.plan, self.problem, self.control, self.problem.events
+        record = Record()  # setting its entries takes half the time of arguments by keyword
+        record.members, record.lanes = self.members, self._lanes
+        record.first_member, record.common = problem.first_member, problem.common_steps
+        record.keep_last, record.goes_on = keep_last, keep_last and not problem.ensemble
+        record.t0, record.segments = problem.t0, len(problem.stops)
+        # functions
+        record.function, record.data, record.data_stride = self.rhs.addresses()
+        record.of_time, record.vectorized = problem.linear, self.rhs.vectorized
+        record.context = id(self.callbacks)
+        if events is not None:
+            record.event_functions, record.event_width = self._functions, events.width
+        # steps
         in_coordinates = control.h is not None or problem.in_coordinates
-        function, data, stride = self.rhs.addresses()
-        rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
-        bath = problem.thermostat
-        heat = {} if bath is None else {"heated": 1, **vars(bath)}
-        return Record(
-            members=self.members, first_member=problem.first_member, lanes=self._lanes,
-            common=problem.common_steps, of_time=problem.linear, keep_last=keep_last,
-            goes_on=keep_last and not problem.ensemble, t0=problem.t0, segments=len(problem.stops),
-            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
-            data=data, data_stride=stride, event_functions=self._functions,
-            event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol, in_coordinates=in_coordinates,
-            reals_per_entry=1 if in_coordinates else plan.reals_per_entry,
-            exponent=plan.step_table.exponent, max_step=control.max_step,
-            first_step=control.first_step or 0.0, max_steps=control.max_steps,
-            every=problem.every, keeps_points=problem.keeps_points, dense=problem.dense_output,
-            **heat,
-        )  # fmt: skip
+        record.in_coordinates = in_coordinates
+        record.reals_per_entry = 1 if in_coordinates else plan.reals_per_entry
+        record.rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
+        record.h, record.first_step = control.h or 0.0, control.first_step or 0.0
+        record.max_step, record.max_steps = control.max_step, control.max_steps
+        record.exponent = plan.step_table.exponent
+        if problem.thermostat is not None:
+            record.heated = True
+            for name, number in vars(problem.thermostat).items():
+                setattr(record, name, number)
+        # output
+        record.every, record.keeps_points = problem.every, problem.keeps_points
+        record.dense = problem.dense_output
+        return record
 
     def _jacobian_kind(self) -> JacobianKind:
         """Return how the Jacobian for implicit stages is evaluated."""
@@ -162,13 +173,22 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._share("states", np.empty((members, width + len(STATE))))
+        states = self._states = self._share("states", np.empty((members, width + len(STATE))))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
-        self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
-        self.counters, self.counts = rows, rows[:, 2:]
-        self.status, self.detail = rows[:, 0], rows[:, 1]
+        self.reached = states[:, width]
+        self.counters, self.counts, self.status = rows, rows[:, 2:], rows[:, 0]
         self.end[...] = doubles
+
+    def _state(self, name: str) -> Array:
+        column: Array = self._states[:, self.plan.width + STATE.index(name)]
+        return column
+
+    # views of what is seldom asked for
+    failed_at = property(lambda self: self._state("failed_at"))
+    last_start = property(lambda self: self._state("last_start"))
+    next_step = property(lambda self: self._state("next_step"))
+    detail = property(lambda self: self.counters[:, 1])
 
     def _share(self, name: str, array: Any) -> Any:
         """Put the address of an array into the record, and keep the array alive."""
@@ -193,8 +213,12 @@ class Run:
             self._share("bodies", problem.inertia.signed_columns)
             self._share("body_constants", problem.inertia.numbers)
         count = self.plan.dim if self.record.in_coordinates else self.plan.width
-        for name, tolerances in (("rtols", control.rtol), ("atol", control.atol)):
-            self._share(name, tolerances.ravel().repeat(count // tolerances.size))
+        tolerances = self._share("rtols", np.empty((2, count)))
+        self.record.atol = self.record.rtols + tolerances.strides[0]
+        rtol, atol = control.rtol, control.atol  # of one shape
+        if rtol.ndim:
+            rtol, atol = rtol.repeat(count // rtol.size), atol.repeat(count // atol.size)
+        tolerances[0], tolerances[1] = rtol, atol
         if problem.events is not None and self._functions:
             self._share("event_table", problem.events.rows)
 
@@ -254,23 +278,30 @@ class Run:
     def _collect(self) -> None:
         """Collect the rows that a call has stored."""
         counts = self.record.steps, self.record.interpolants, self.record.events
-        collected = self._steps, self._dense, self.events_of_calls
         for what, count in enumerate(counts):
             if count:
-                rows = np.empty((count, collected[what][0].shape[1]))
+                rows = np.empty((count, self._widths[what]))
                 self._core.run_rows(self.address, what, rows.T)
-                collected[what].append(rows)
+                self._stored[what].append(rows)
+
+    def _rows(self, what: int, columns: Any = _ALL) -> Array:
+        """Return columns of all stored rows as a new array."""
+        calls = self._stored[what]
+        if len(calls) == 1:
+            return calls[0][:, columns].copy()
+        start = np.empty((0, self._widths[what]))
+        return np.concatenate([rows[:, columns] for rows in (start, *calls)])
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
         point, end = self._bounds
-        y = _joined(self._steps, 1, point) if point > 1 else None
-        observed = _joined(self._steps, point, end) if end > point else None
-        return _joined(self._steps, 0, 1)[:, 0], y, observed
+        y = self._rows(_STEPS, slice(1, point)) if point > 1 else None
+        observed = self._rows(_STEPS, slice(point, end)) if end > point else None
+        return self._rows(_STEPS, 0), y, observed
 
     def interpolants(self) -> Interpolants:
         """Return the stored interpolants in the order of the members."""
-        rows = _joined(self._dense)
+        rows = self._rows(_INTERPOLANTS)
         members = rows[:, InterpolantColumn.MEMBER]
         if (np.diff(members) < 0).any():
             rows = rows[np.argsort(members, kind="stable")]
@@ -283,7 +314,7 @@ class Run:
             self.call(0)
             return self.interpolants()
         finally:
-            del self._dense[1:]
+            self._stored[_INTERPOLANTS].clear()
 
     def restart(
         self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
@@ -330,13 +361,7 @@ class Run:
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        rows = _joined(self.events_of_calls)
+        rows = self._rows(_EVENTS)
         places = rows[:, [EventColumn.MEMBER, EventColumn.NUMBER]].astype(np.int64) - 1
-        points = np.ascontiguousarray(rows[:, len(EventColumn) :])
+        points = np.ascontiguousarray(rows[:, _EVENT_COLUMNS:])
         return places, rows[:, EventColumn.TIME].copy(), plan.points(points, (len(rows), 2))
-
-
-def _joined(calls: list[Array], begin: int = 0, end: int | None = None) -> Array:
-    """Return columns of the rows of several calls as a new array."""
-    parts = [rows[:, begin:end] for rows in calls if len(rows)] or [calls[0][:, begin:end]]
-    return np.concatenate(parts) if len(parts) > 1 else parts[0].copy()
