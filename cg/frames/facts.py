@@ -28,7 +28,7 @@ class Facts:
         # whether compiled code computes the flow from one point to another
         self.has_difference = self.blocks is not None and not compared_by_entries(self.blocks)
         self.jointed = frame.jointed
-        self.plans: dict[Any, Any] = {}  # those of `cg.integration.plan`
+        self.kept: dict[Any, Any] = {}  # what others compute for it, by keys of theirs
 
     @cached_property
     def no_brackets(self) -> str | None:

@@ -6,7 +6,6 @@ import math
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
 from functools import partial
 from typing import Any, Unpack
 
@@ -32,6 +31,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
+from cg.support.caches import changed
 from cg.support.checks import total_memory
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.shared_numbers import Stop
@@ -257,7 +257,7 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     whole = problem
     problem = add_derivatives(problem, options)
     if whole.one_by_one and problem is not whole:
-        problem = replace(problem, inertia=None)
+        problem = changed(problem, inertia=None)
         # options sent with each part; covariances come from the collected derivatives of all
         chosen = {name: value for name, value in options.items() if name in _DERIVATIVE_OPTIONS}
         part_options = chosen | {"P0": None}

@@ -7,7 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -46,7 +46,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, texts_of
-from cg.support.caches import filled
+from cg.support.caches import changed, filled
 from cg.support.checks import check_choice, short
 from cg.tables import Kind, MethodTable, table_of
 
@@ -153,7 +153,7 @@ class Problem:
         if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
-        return replace(
+        return changed(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events,
             first_member=first, inertia=inertia, stops=stops, limits=limits, member_inputs=(),
             finish=None,

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -45,6 +44,7 @@ from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, texts_of
+from cg.support.caches import changed
 from cg.support.checks import short
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -173,7 +173,7 @@ class Stepper:
             check_abscissae(self.table, "breakpoints")
         self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
-        self._problem = replace(problem, control=control, t_eval=None, every=0)
+        self._problem = changed(problem, control=control, t_eval=None, every=0)
         self._find_corners(problem.rhs.extra.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._calls = 0
@@ -424,13 +424,13 @@ class Stepper:
             extra = extra._replace(args=check_args(args))
         if extra is before:
             return
-        changed = run.rhs.with_data(extra)
-        refuse_friction(run.plan, changed, [t], run.plan.points(rows, (1, run.members)))
-        run.replace_rhs(changed)
+        rhs = run.rhs.with_data(extra)
+        refuse_friction(run.plan, rhs, [t], run.plan.points(rows, (1, run.members)))
+        run.replace_rhs(rhs)
         if extra.inputs is not None and extra.inputs is not before.inputs:
             limits = extra.inputs.limits(self._problem.control.tolerance)
             if len(limits) or len(self._problem.limits):
-                self._problem = replace(self._problem, limits=limits)
+                self._problem = changed(self._problem, limits=limits)
                 run.share_limits(limits)
 
     def _find_corners(self, inputs: Inputs | None, t: float) -> None:
@@ -577,7 +577,7 @@ class Stepper:
         # the copy needs its own memory for inputs, since both may run, in two threads
         rhs = self._run.rhs.with_data(self._run.rhs.extra)
         state = {name: x for name, x in vars(self).items() if name not in ("_run", "_budget")}
-        return state | {"_problem": replace(self._problem, rhs=rhs), "saved": self._run.saved()}
+        return state | {"_problem": changed(self._problem, rhs=rhs), "saved": self._run.saved()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         saved = state.pop("saved")

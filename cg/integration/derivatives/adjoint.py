@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -29,7 +29,7 @@ from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradien
 from cg.integration.derivatives.variational_equation import (
     count_parameters,
     parameter_differences,
-    structure_constants,
+    structure_of,
 )
 from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.problem import Problem
@@ -37,6 +37,7 @@ from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
+from cg.support.caches import changed
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 # Largest share of a cotangent along fields that don't move the point; differences have some
@@ -241,9 +242,9 @@ def with_adjoint(
         sol = solution.sol
         assert sol is not None
         adjoint = Adjoint(equation_of(sol), sol, solution.t, problem.plan.frame)
-        return replace(solution, sol=sol if problem.dense_output else None, adjoint=adjoint)
+        return changed(solution, sol=sol if problem.dense_output else None, adjoint=adjoint)
 
-    return replace(problem, dense_output=True, with_gradients=with_gradients)
+    return changed(problem, dense_output=True, with_gradients=with_gradients)
 
 
 def tolerance_of(problem: Problem) -> float:
@@ -282,9 +283,9 @@ def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> A
         matrices = frame.dense()
         at, rest = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
         return AdjointEquation(at, frame.point_shape, tolerance, count, inputs, *rest)
-    (i, j, k), constants = structure_constants(frame)
-    brackets = np.zeros((frame.dim,) * 3)
-    brackets[i, k, j] = constants
+    structure, brackets = structure_of(frame), np.zeros((frame.dim,) * 3)
+    i, j, k = structure.index
+    brackets[i, k, j] = structure.constants
     return AdjointEquation(partial(linearisation, brackets), (frame.dim,), tolerance, count, inputs)
 
 

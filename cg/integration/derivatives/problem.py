@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.caches import changed
 from cg.tables import Kind
 
 
@@ -52,24 +53,25 @@ class Derivatives:
         equation, covariance = self.equation, self.initial_covariance
         y, x = equation.split(z)
         n = equation.frame.dim
-        transition = np.ascontiguousarray(x[..., :n])
+        transition = x[..., :n]
         total = None if covariance is None else transition @ covariance @ transition.mT
         if equation.noise is not None:
             added = x[..., n + equation.parameter_count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
         fields: dict[str, Any] = {
-            "y": np.ascontiguousarray(y),
+            "y": y,
             "transition": transition,
             "sensitivity": None,
             "covariance": total,
         }
         if equation.chosen is not None and not equation.has_point_directions:
-            fields["transition"], fields["sensitivity"] = None, np.ascontiguousarray(x)
+            fields["transition"], fields["sensitivity"] = None, x
         elif equation.parameter_count and equation.chosen is None:
-            fields["sensitivity"] = np.ascontiguousarray(x[..., n : n + equation.parameter_count])
-        for array in fields.values():
+            fields["sensitivity"] = x[..., n : n + equation.parameter_count]
+        for name, array in fields.items():
             if array is not None:
-                array.flags.writeable = False
+                fields[name] = np.ascontiguousarray(array)
+                fields[name].setflags(write=False)
         return fields
 
     def finish(
@@ -106,7 +108,7 @@ class Derivatives:
         sol = None if solution.sol is None else solution.sol.with_derivatives(self)
         plan, nfev = problem.plan, int(solution.nfev.sum())
         refuse_friction(plan, problem.rhs, solution.t, fields["y"], nfev)
-        return replace(solution, sol=sol, frame=plan.user_frame, **fields)
+        return changed(solution, sol=sol, frame=plan.user_frame, **fields)
 
 
 # Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
@@ -133,8 +135,6 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     plan, rhs, control, events = problem.plan, problem.rhs, problem.control, problem.events
     _check_problem(problem, options)
     equation = _make_equation(problem, options)
-    if options["derivatives_by"] is not None:
-        equation = replace(equation, chosen=_directions(options, equation))
     variational_rhs: Rhs
     if rhs.vectorized:
         variational_rhs = PythonRhs(equation, equation.product, rhs.extra, True)
@@ -143,13 +143,11 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         user_plan = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
         variational_rhs = compiled_variation(equation, user_plan, rhs.extra)
     if control.h is None:
-        controlled = options["control_derivatives"]
-        absolute = _tolerances(problem, equation, controlled, "atol")
-        relative = _tolerances(problem, equation, controlled, "rtol")
-        control = control._replace(rtol=relative, atol=absolute)
+        rtol, atol = _tolerances(problem, equation, options["control_derivatives"])
+        control = control._replace(rtol=rtol, atol=atol)
     members = len(problem.points) if problem.ensemble else None
     covariance = check_covariance(options["P0"], plan.frame.dim, members)
-    return replace(
+    return changed(
         problem,
         plan=plan_of(equation.product, plan.table),
         rhs=variational_rhs,
@@ -199,19 +197,22 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     noise = noise_of(options["noise"], problem)
     n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.extra.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
+    chosen = None
+    if options["derivatives_by"] is not None:
+        chosen = _directions(options, n, count, noise)
     return VariationalEquation(
         frame, rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
-        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise,
+        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise, chosen=chosen,
         forces_alone=problem.plan.table.kind is Kind.SPLITTING,
     )  # fmt: skip
 
 
-def _directions(options: Options, equation: VariationalEquation) -> Array:
-    """Return the directions of derivatives in initial coordinates and parameters, as columns."""
-    chosen, n, k = options["derivatives_by"], equation.frame.dim, equation.parameter_count
-    if options["P0"] is not None or equation.noise is not None:
+def _directions(options: Options, n: int, k: int, noise: Any) -> Array:
+    """Return directions of derivatives in n coordinates and k parameters, as columns."""
+    chosen = options["derivatives_by"]
+    if options["P0"] is not None or noise is not None:
         raise ValueError("derivatives_by must be None with P0 or noise, which take all derivatives")
     if isinstance(chosen, str):
         if chosen not in ("point", "parameters"):
@@ -232,29 +233,31 @@ def _directions(options: Options, equation: VariationalEquation) -> Array:
 
 
 def _tolerances(
-    problem: Problem, equation: VariationalEquation, control_derivatives: bool, name: str
-) -> Array:
+    problem: Problem, equation: VariationalEquation, control_derivatives: bool
+) -> tuple[Array, Array]:
     """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
-    plan, tolerances, n = problem.plan, getattr(problem.control, name), equation.frame.dim
-    shape = (n,) if problem.in_coordinates else equation.frame.point_shape
-    point_tolerances = np.broadcast_to(tolerances, shape).ravel()
-    rows = point_tolerances if problem.in_coordinates else np.full(n, point_tolerances.min())
-    if not problem.in_coordinates:
-        point_tolerances = np.repeat(point_tolerances, plan.reals_per_entry)
-        if name == "atol":  # the norm is that of numbers now, and not of complex entries
-            point_tolerances = point_tolerances / np.sqrt(plan.reals_per_entry)
-    if control_derivatives and not rows.min() > 0.0:
+    plan, control, n = problem.plan, problem.control, equation.frame.dim
+    tolerances, in_coordinates = np.array([control.rtol, control.atol]), problem.in_coordinates
+    tolerances = tolerances.reshape(2, -1)
+    rows = tolerances if in_coordinates else tolerances.min(axis=1, keepdims=True)
+    if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
+        rows = _LOOSE * np.maximum(rows, tolerances[0].min())
+    elif not rows.min() > 0.0:
         raise ValueError(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
-            f"got {tolerances}"
+            f"got {control.atol}"
         )
-    if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
-        rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
-    others = np.repeat(rows, equation.column_count)
     # the square of the norm of the whole error is then the sum of those of both parts
-    sizes = np.array([point_tolerances.size, others.size])
-    shares = np.sqrt(sizes / sizes.sum())
-    return np.concatenate([shares[0] * point_tolerances, shares[1] * others])
+    count, others = n if in_coordinates else plan.width, n * equation.column_count
+    share = math.sqrt(count / (count + others))
+    # the norm of entries is that of numbers now, and not of complex entries
+    complexity = 1.0 if in_coordinates else math.sqrt(plan.reals_per_entry)
+    point = tolerances * [[share], [share / complexity]]
+    rows = math.sqrt(others / (count + others)) * rows
+    both = np.empty((2, count + others))
+    both[:, :count] = point.repeat(count // point.shape[1], axis=1)
+    both[:, count:] = rows.repeat(others // rows.shape[1], axis=1)
+    return both[0], both[1]
 
 
 def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:

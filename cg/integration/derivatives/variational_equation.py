@@ -18,7 +18,7 @@ from cg.integration.derivatives.noise import Noise
 from cg.integration.messages import DERIVATIVES
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, data_at
+from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, address, data_at
 from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
@@ -26,7 +26,6 @@ from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
-_NO_CONSTANTS = np.zeros((3, 0), dtype=np.intp), np.zeros(0)
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
 
@@ -91,14 +90,13 @@ class VariationalEquation:
 
     def __post_init__(self) -> None:
         vars(self).update(
-            product=Product(self.frame, Euclidean(self.frame.dim * self.column_count)),
-            structure=_NO_CONSTANTS if self.forces_alone else structure_constants(self.frame),
+            product=_product(self.frame, self.column_count),
+            structure=_NO_CONSTANTS if self.forces_alone else structure_of(self.frame),
             check=Check(self.f, self.frame, self.vectorized),
         )
 
     product: Product = field(init=False)  # the frame of points with derivatives
-    # the indices (i, j, k) of structure constants, and the constants
-    structure: tuple[NDArray[np.intp], Array] = field(init=False, repr=False)
+    structure: Structure = field(init=False, repr=False)
     check: Check = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -106,13 +104,17 @@ class VariationalEquation:
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
-        n = self.frame.dim
-        x = np.eye(n, self.column_count).ravel() if self.chosen is None else self.chosen[:n].ravel()
-        return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
+        n, chosen = self.frame.dim, self.chosen
+        numbers = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
+        z = np.empty((len(y), *self.product.point_shape))
+        z[:, : numbers.shape[1]] = numbers
+        x = np.eye(n, self.column_count) if chosen is None else chosen[:n]
+        z[:, numbers.shape[1] :] = x.ravel()
+        return z
 
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, columns)``."""
-        y, x = self.product.split(z)
+        y, x = self.product._split(z)
         return y, x.reshape(*x.shape[:-1], self.frame.dim, self.column_count)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
@@ -129,7 +131,7 @@ class VariationalEquation:
         finite = np.isfinite(coefficients).all(axis=-1)
         if not finite.all():
             return self._where(finite, t, z, arguments)
-        (i, j, k), constants = self.structure
+        (i, j, k), constants = self.structure.index, self.structure.constants
         with np.errstate(over="ignore", invalid="ignore"):
             jac = self.differences if self.jac is None else self.jac
             matrix = np.array(jac(t, y, arguments))
@@ -282,9 +284,36 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
     return numbers.shape[-1] + width, width
 
 
+def _product(frame: Frame, columns: int) -> Product:
+    """Return the frame of points with columns of derivatives, which is kept."""
+    kept, key = facts_of(frame).kept, ("product", columns, frame._user_frame)
+    if key not in kept:
+        kept[key] = Product(frame, Euclidean(frame.dim * columns))
+    product: Product = kept[key]
+    return product
+
+
+class Structure:
+    """The structure constants of the fields that aren't zero.
+
+    ``index`` holds i, j, k, shape ``(3, constants)``, and ``constants`` the parts of [E_i, E_j]
+    along E_k. ``addresses`` are those of both as compiled code reads them.
+    """
+
+    def __init__(self, index: NDArray[np.intp], constants: Array) -> None:
+        self.index, self.constants = index, constants
+        # numbers count from 1; arrays can't be empty
+        rows = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
+        self._kept = rows, np.append(constants, 0.0)
+        self.addresses = self._kept[0].ctypes.data, self._kept[1].ctypes.data
+
+
+_NO_CONSTANTS = Structure(np.zeros((3, 0), dtype=np.intp), np.zeros(0))
+
+
 @cached_by_value
-def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
-    """Return indices i, j, k, shape ``(3, constants)``, and the parts of [E_i, E_j] along E_k."""
+def structure_of(frame: Frame) -> Structure:
+    """Return the structure constants of a frame, which are kept."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]
     for i, e in enumerate(basis):
@@ -292,7 +321,7 @@ def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
         j, k = np.nonzero(np.abs(brackets) > 1e-14 * np.abs(brackets).max(initial=0.0))
         rows.append(np.stack([np.full_like(j, i), j, k]))
         values.append(brackets[j, k])
-    return np.concatenate(rows, axis=1), np.concatenate(values)
+    return Structure(np.concatenate(rows, axis=1), np.concatenate(values))
 
 
 class _Record(ctypes.Structure):
@@ -337,7 +366,7 @@ class CompiledVariation(CompiledRhs):
     @property
     def data_address(self) -> int:
         """Address of the parameters of the first member."""
-        return int(self.data.ctypes.data) + 8
+        return address(self.data) + 8
 
 
 def compiled_variation(
@@ -356,7 +385,7 @@ def compiled_variation(
     scales = np.zeros(plain_count + first.inputs)
     if inputs is not None:
         scales[plain_count:] = inputs.scales
-    first.scales = scales.ctypes.data
+    first.scales = address(scales)
     rows = np.zeros((members, 1 + plain_count + first.inputs))
     parameters, values = rows[:, 1 : 1 + plain_count], rows[0, 1 + plain_count :]
     count = members if in_python else 1
@@ -392,8 +421,9 @@ def _add_contexts(
             frame = variational.product if name == "along" else variational.frame
             dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
             context = call_context(function, rest, frame, shape, check, dtype, changing)
-            contexts.append((context, np.array(id(context))))
-            setattr(record, f"{name}_data", contexts[-1][1].ctypes.data)
+            place = ctypes.c_void_p(id(context))
+            contexts.append((context, place))
+            setattr(record, f"{name}_data", ctypes.addressof(place))
     return contexts
 
 
@@ -418,14 +448,12 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
     """Return the entries of records that don't depend on parameters and inputs."""
     import cg._core_r64 as core
 
-    f, noise, (index, constant) = variational.f, variational.noise, variational.structure
-    # arrays can't be empty
-    index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
-    constant = np.append(constant, 0.0)
+    f, noise, structure = variational.f, variational.noise, variational.structure
+    index, constant = structure.addresses
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.parameter_count, constants=len(constant) - 1,
-        index=index.ctypes.data, constant=constant.ctypes.data, step=DIFFERENCE_STEP,
+        parameters=variational.parameter_count, constants=len(structure.constants),
+        index=index, constant=constant, step=DIFFERENCE_STEP,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
         forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
@@ -434,16 +462,17 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
     if (chosen := variational.chosen) is not None:
         # a row for each direction; arrays can't be empty
         directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
-        record.directions, record.by_parameters = chosen.shape[1], directions.ctypes.data
+        record.directions, record.by_parameters = chosen.shape[1], address(directions)
     in_python = []
+    caller = core.function_addresses()[0]
     for each in _functions(variational):
         if isinstance(each.function, CompiledRhs):
             setattr(record, each.name, each.function.address)
             setattr(record, f"{each.name}_data", each.function.user_data)
         else:
-            setattr(record, each.name, core.function_addresses()[0])
+            setattr(record, each.name, caller)
             in_python.append(each)
-    return _SharedEntries(record, in_python, (index, constant, directions))
+    return _SharedEntries(record, in_python, (structure, directions))
 
 
 def _functions(variational: VariationalEquation) -> list[_Function]:

@@ -435,7 +435,7 @@ class EnsembleSolution(_SolutionBase):
             error = IndexError if isinstance(member, int | np.integer) else TypeError
             raise error(f"member must be an integer in {allowed}, got {member!r}")
         member = range(len(self))[member]  # which takes negative ones
-        counts = [int(getattr(self, name)[member]) for name in COUNTS]
+        counts = [getattr(self, name).item(member) for name in COUNTS]
         ends = self._direction, self.t_end.item(member), self.status.item(member), counts
         fields = member_fields(self, member, *ends)
         fields |= {"table": self.table, "frame": self.frame, "h": self.h}
