@@ -131,6 +131,7 @@ contains
         allocate (c%min_scale(n), c%gradient(m, n), c%response(m, n), source=0.0_wp)
       end associate
     end if
+    c%known = .false.
     failed = .false.
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
@@ -312,12 +313,11 @@ contains
   ! Factors G J^-1 G^T, whose rows have been evaluated.
   pure subroutine factor_constraints(linkage, c)
     type(linkage_t), intent(in) :: linkage
-    type(constraints_t), intent(inout) :: c            ! known becomes false where it is singular
+    type(constraints_t), intent(inout) :: c            ! known unless it is singular
     real(wp), parameter :: min_rest = 1e3_wp * epsilon(1.0_wp)
     real(wp) :: entry, rest                  ! entry of G J^-1 G^T; rest without columns before
     integer :: i, j, k, v, last
 
-    c%known = .false.
     associate (l => c%factor, start => linkage%start, first => linkage%first)
       do i = 1, size(c%g)
         entry = 0.0_wp

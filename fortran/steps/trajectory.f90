@@ -307,6 +307,7 @@ contains
     x%last%cut = .false.
     x%y(:, 0) = y
     x%end_known = .false.
+    x%joints%here%known = .false.            ! members may have inertia of their own
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then

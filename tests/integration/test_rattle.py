@@ -264,6 +264,24 @@ def test_constraints_in_python():
             )
 
 
+def test_a_stepper_goes_on_after_constraints_have_failed():
+    broken = []
+    g = lambda q: [1 / 0 if broken else q @ q - 1]
+    sphere = PhaseSpace(Euclidean(3), constraints=g)
+    points = [sphere.join([0.6, 0.0, 0.8], [0, 0.5, 0]), sphere.join([0.0, 0.6, 0.8], [0.5, 0, 0])]
+    fall = lambda t, y: [0.0, 0.0, -1.0]
+    steppers = [cg.Stepper(fall, 0.0, y, frame=sphere, method="RATTLE", h=0.05) for y in points]
+    steppers[0].step()
+    steppers[0].restart(y=points[1], t=0.0)
+    broken.append(True)
+    refuses(ZeroDivisionError, "division", steppers[0].step)
+    broken.clear()
+    steppers[0].restart(y=points[1], t=0.0)
+    for stepper in steppers:
+        stepper.advance(0.3)
+    np.testing.assert_array_equal(steppers[0].y, steppers[1].y)
+
+
 def test_events_ensembles_and_steppers():
     side = lambda t, y: y[9]  # of the first body
     options = {"method": "RATTLE6", "h": 0.02}
