@@ -27,21 +27,21 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+      associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2)
         sign = merge(1.0_wp, -1.0_wp, block%space)     ! 1 if points are moved from the left
         if (block%kind == euclidean_block) then
-          w(first:last) = 0.0_wp
+          w(v1:v2) = 0.0_wp
         else if (block%kind == callback_block) then
           call frame%callback%apply(bracket_operation, u, v, w)
         else if (block%kind == se3_block) then
-          w(first:last) = sign * reshape(motion_bracket(reshape(u(first:last), [3, 1 + block%k]), &
-            reshape(v(first:last), [3, 1 + block%k])), [block%dimension])
+          w(v1:v2) = sign * reshape(motion_bracket(reshape(u(v1:v2), [3, 1 + block%k]), &
+            reshape(v(v1:v2), [3, 1 + block%k])), [block%dimension])
         else if (is_rotation(block)) then
-          w(first:last) = sign * cross(u(first:last), v(first:last))
+          w(v1:v2) = sign * cross(u(v1:v2), v(v1:v2))
         else if (any(block%kind == [su_block, u_block])) then
-          call unitary_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
+          call unitary_bracket(block%n, sign * u(v1:v2), v(v1:v2), w(v1:v2))
         else
-          call orthogonal_bracket(block%n, sign * u(first:last), v(first:last), w(first:last))
+          call orthogonal_bracket(block%n, sign * u(v1:v2), v(v1:v2), w(v1:v2))
         end if
       end associate
     end do
@@ -68,20 +68,20 @@ contains
 
     exists = .true.
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), first => frame%blocks(i)%v1, last => frame%blocks(i)%v2)
+      associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) cycle
         sign = merge(1.0_wp, -1.0_wp, block%space)
         if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         else if (block%kind == se3_block) then
-          call dexpinv_motion(block%k, sign, u(first:last), v(first:last), exists)
+          call dexpinv_motion(block%k, sign, u(v1:v2), v(v1:v2), exists)
         else if (is_rotation(block)) then
-          call dexpinv_rotation(sign, u(first:last), v(first:last), exists)
+          call dexpinv_rotation(sign, u(v1:v2), v(v1:v2), exists)
         else if (any(block%kind == [su_block, u_block])) then
-          call unitary_dexpinv(block%n, order, sign * u(first:last), v(first:last), exists)
+          call unitary_dexpinv(block%n, order, sign * u(v1:v2), v(v1:v2), exists)
         else
-          call orthogonal_dexpinv(block%n, order, sign * u(first:last), v(first:last), exists)
+          call orthogonal_dexpinv(block%n, order, sign * u(v1:v2), v(v1:v2), exists)
         end if
       end associate
     end do

@@ -51,23 +51,22 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
+      associate (block => frame%blocks(i), p1 => frame%blocks(i)%p1, p2 => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
-          v(block%v1:block%v2) = y(p:last) - x(p:last)
+          v(block%v1:block%v2) = y(p1:p2) - x(p1:p2)
         case (quaternion_block, su2_block)
-          v(block%v1:block%v2) = logarithm(quaternion_quotient(get_quaternion(block, x(p:last)), &
-            get_quaternion(block, y(p:last) - x(p:last)), block%space))
+          v(block%v1:block%v2) = logarithm(quaternion_quotient(get_quaternion(block, x(p1:p2)), &
+            get_quaternion(block, y(p1:p2) - x(p1:p2)), block%space))
         case (so3_block, se3_block)
-          call find_twist(block, x(p:last), y(p:last), v(block%v1:block%v2))
+          call find_twist(block, x(p1:p2), y(p1:p2), v(block%v1:block%v2))
         case (sphere_block)
-          v(block%v1:block%v2) = rotation_between(x(p:last), y(p:last))
+          v(block%v1:block%v2) = rotation_between(x(p1:p2), y(p1:p2))
         case (so_block)
-          call orthogonal_difference(block%n, block%space, x(p:last), y(p:last), &
-                                     v(block%v1:block%v2))
+          call orthogonal_difference(block%n, block%space, x(p1:p2), y(p1:p2), v(block%v1:block%v2))
         case (su_block, u_block)
-          call unitary_difference(block%n, block%space, as_complex(block%n, x(p:last)), &
-                                  as_complex(block%n, y(p:last)), v(block%v1:block%v2))
+          call unitary_difference(block%n, block%space, as_complex(block%n, x(p1:p2)), &
+                                  as_complex(block%n, y(p1:p2)), v(block%v1:block%v2))
         case (callback_block)
           call frame%callback%apply(coordinates_operation, x, y, v)
         case default                         ! no coordinates are known
@@ -216,17 +215,17 @@ contains
       return
     end if
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, m => frame%blocks(i)%v2, &
-                 p => frame%blocks(i)%p1, n => frame%blocks(i)%p2)
+      associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2, &
+                 p1 => frame%blocks(i)%p1, p2 => frame%blocks(i)%p2)
         select case (block%kind)
         case (callback_block)
           call frame%callback%apply(tangent_operation, v, y, change)
         case (linear_action_block)
-          call linear_tangent(block%action, v(k:m), y(p:n), change(p:n))
+          call linear_tangent(block%action, v(v1:v2), y(p1:p2), change(p1:p2))
         case (stiefel_block)
-          call stiefel_tangent(block%k, block%n, v(k:m), y(p:n), change(p:n))
+          call stiefel_tangent(block%k, block%n, v(v1:v2), y(p1:p2), change(p1:p2))
         case default
-          call isospectral_tangent(block%n, v(k:m), y(p:n), change(p:n))
+          call isospectral_tangent(block%n, v(v1:v2), y(p1:p2), change(p1:p2))
         end select
       end associate
     end do

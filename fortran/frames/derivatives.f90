@@ -41,41 +41,40 @@ contains
       return
     end if
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, first => frame%blocks(i)%p1, &
-                 last => frame%blocks(i)%p2)
+      associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2, &
+                 p1 => frame%blocks(i)%p1, p2 => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
-          v(k:block%v2) = slope(first:last)
+          v(v1:v2) = slope(p1:p2)
           cycle
         case (so3_block, se3_block)
-          call in_motion(block, y(first), slope(first), v(k), dropped)
+          call in_motion(block, y(p1), slope(p1), v(v1), dropped)
         case (quaternion_block, su2_block)
-          p = get_quaternion(block, y(first:last))
-          q = get_quaternion(block, slope(first:last))
+          p = get_quaternion(block, y(p1:p2))
+          q = get_quaternion(block, slope(p1:p2))
           quotient = quaternion_quotient(p, q, block%space)
-          v(k:block%v2) = 2 * quotient(1:3)
+          v(v1:v2) = 2 * quotient(1:3)
           dropped = dot_product(p, q)**2
           if (block%kind == su2_block) then
             call set_quaternion(q, matrix)
             ! matrices are longer by the root of 2
-            dropped = 2 * dropped + sum((slope(first:last) - matrix)**2)
+            dropped = 2 * dropped + sum((slope(p1:p2) - matrix)**2)
           end if
         case (sphere_block)
-          v(k:block%v2) = cross(y(first:last), slope(first:last))
-          dropped = dot_product(y(first:last), slope(first:last))**2
+          v(v1:v2) = cross(y(p1:p2), slope(p1:p2))
+          dropped = dot_product(y(p1:p2), slope(p1:p2))**2
         case (so_block)
-          call orthogonal_coefficients(block%n, block%space, y(first), slope(first), &
-                                       v(k:block%v2), dropped)
+          call orthogonal_coefficients(block%n, block%space, y(p1), slope(p1), v(v1:v2), dropped)
         case (isospectral_block)
-          call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y(first), &
-                                        slope(first), v(k:block%v2), dropped)
+          call isospectral_coefficients(block%n, frame%constants(block%constants + 1:), y(p1), &
+                                        slope(p1), v(v1:v2), dropped)
         case (stiefel_block)
-          call stiefel_coefficients(block%k, block%n, y(first), slope(first), v(k), dropped)
+          call stiefel_coefficients(block%k, block%n, y(p1), slope(p1), v(v1), dropped)
         case default
-          call unitary_coefficients(block%n, block%space, as_complex(block%n, y(first:last)), &
-                                    as_complex(block%n, slope(first:last)), v(k:block%v2), dropped)
+          call unitary_coefficients(block%n, block%space, as_complex(block%n, y(p1:p2)), &
+                                    as_complex(block%n, slope(p1:p2)), v(v1:v2), dropped)
         end select
-        if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(first:last)**2))
+        if (dropped > absolute**2) call report(frame, t, dropped, sum(slope(p1:p2)**2))
       end associate
     end do
   end subroutine coefficients_of

@@ -152,36 +152,36 @@ contains
       if (present(only)) then
         if (i /= only) cycle
       end if
-      associate (block => frame%blocks(i), k => frame%blocks(i)%v1, m => frame%blocks(i)%v2, &
-                 p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
+      associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2, &
+                 p1 => frame%blocks(i)%p1, p2 => frame%blocks(i)%p2)
         select case (block%kind)
         case (euclidean_block)
           do j = 1, flows
-            y(p:last) = y(p:last) + v(k:m, j)
+            y(p1:p2) = y(p1:p2) + v(v1:v2, j)
           end do
         case (se3_block)
-          call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
+          call move_rigid_body(block, flows, frame%dimension, v(v1, 1), y(p1))
         case (so_block)
-          call move_orthogonal(block%n, block%space, v(k:m, :flows), y(p))
+          call move_orthogonal(block%n, block%space, v(v1:v2, :flows), y(p1))
         case (isospectral_block)
-          call move_isospectral(block%n, v(k:m, :flows), y(p))
+          call move_isospectral(block%n, v(v1:v2, :flows), y(p1))
         case (su_block, u_block)
-          matrix => as_complex(block%n, y(p:last))
-          call move_unitary(block%n, block%space, v(k:m, :flows), matrix)
+          matrix => as_complex(block%n, y(p1:p2))
+          call move_unitary(block%n, block%space, v(v1:v2, :flows), matrix)
         case (stiefel_block)
           do j = 1, flows
-            call move_stiefel(block%k, block%n, v(k, j), y(p))
+            call move_stiefel(block%k, block%n, v(v1, j), y(p1))
           end do
         case (linear_action_block)
           if (block%polynomial) then
-            call move_polynomially(block%action, v(k:m, :flows), 0.0_wp, y(p:last))
+            call move_polynomially(block%action, v(v1:v2, :flows), 0.0_wp, y(p1:p2))
           else
-            call move_linearly(block%action, v(k:m, :flows), y(p:last))
+            call move_linearly(block%action, v(v1:v2, :flows), y(p1:p2))
           end if
         case (callback_block)
-          call frame%callback%apply(flow_operation, [v(k:m, :flows)], (y(p:last)), y(p:last))
+          call frame%callback%apply(flow_operation, [v(v1:v2, :flows)], (y(p1:p2)), y(p1:p2))
         case default
-          call rotate(block, flows, frame%dimension, v(k, 1), y(p))
+          call rotate(block, flows, frame%dimension, v(v1, 1), y(p1))
         end select
       end associate
     end do
@@ -198,26 +198,26 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), p => frame%blocks(i)%p1, last => frame%blocks(i)%p2)
+      associate (block => frame%blocks(i), p1 => frame%blocks(i)%p1, p2 => frame%blocks(i)%p2)
         select case (block%kind)
         case (so3_block, se3_block)
-          call orthogonalise(3 + block%k, y(p:last))
+          call orthogonalise(3 + block%k, y(p1:p2))
         case (quaternion_block, sphere_block)
-          y(p:last) = (1.5_wp - 0.5_wp * dot_product(y(p:last), y(p:last))) * y(p:last)
+          y(p1:p2) = (1.5_wp - 0.5_wp * dot_product(y(p1:p2), y(p1:p2))) * y(p1:p2)
         case (so_block)
-          call restore_orthogonal(block%n, y(p:last))
+          call restore_orthogonal(block%n, y(p1:p2))
         case (isospectral_block)
-          call restore_isospectral(block%n, frame%constants(block%constants + 1:), y(p:last))
+          call restore_isospectral(block%n, frame%constants(block%constants + 1:), y(p1:p2))
         case (stiefel_block)
-          call restore_stiefel(block%k, block%n, y(p:last))
+          call restore_stiefel(block%k, block%n, y(p1:p2))
         case (su_block, u_block)
-          matrix => as_complex(block%n, y(p:last))
+          matrix => as_complex(block%n, y(p1:p2))
           call restore_unitary(block%n, matrix)
           if (block%kind == su_block) call remove_phase(block%n, matrix)
         case (su2_block)
-          q = get_quaternion(block, y(p:last))
+          q = get_quaternion(block, y(p1:p2))
           q = (1.5_wp - 0.5_wp * dot_product(q, q)) * q
-          call set_quaternion(q, y(p:last))
+          call set_quaternion(q, y(p1:p2))
         end select
       end associate
     end do
