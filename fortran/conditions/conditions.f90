@@ -237,11 +237,11 @@ contains
   end subroutine set_up
 
   ! Computes Phi(t) - 1/gamma(t) of conditions, and the assumptions that set_up describes.
-  subroutine residual(self, x, f, flag)
+  subroutine residual(self, x, f, outcome)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)
     real(wp), intent(out) :: f(:)     ! (conditions)
-    integer, intent(inout) :: flag
+    integer, intent(inout) :: outcome
     integer :: i, begin, stage
     real(wp) :: c
 
@@ -264,15 +264,15 @@ contains
         end if
       end do
     end associate
-    if (.not. all(abs(f) <= huge(f))) flag = -1
+    if (.not. all(abs(f) <= huge(f))) outcome = -1
   end subroutine residual
 
   ! Computes the derivatives of all residuals; a row of zeros where the list of trees has a zero.
-  subroutine jacobian(self, x, jac, flag)
+  subroutine jacobian(self, x, jac, outcome)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)          ! (unknowns)
     real(wp), intent(out) :: jac(:, :)    ! (conditions, unknowns)
-    integer, intent(inout) :: flag
+    integer, intent(inout) :: outcome
     real(wp), allocatable :: direct(:, :) ! (stage_trees, inner unknowns) by the weights themselves
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: s, k, t, first, unknowns
@@ -299,7 +299,7 @@ contains
         end do
       end do
     end associate
-    if (.not. all(abs(jac) <= huge(jac))) flag = -1
+    if (.not. all(abs(jac) <= huge(jac))) outcome = -1
   end subroutine jacobian
 
 end module conditions_m

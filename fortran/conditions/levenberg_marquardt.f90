@@ -21,7 +21,7 @@ module levenberg_marquardt_m
     real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
     ! (n): D, positive; if it isn't given, it comes from the columns of J
     real(wp), allocatable :: diag(:)
-    integer :: info = improper_input         ! a Status, or the negative flag of the problem
+    integer :: info = improper_input         ! a Status, or the negative outcome of the problem
     integer :: nfev = 0                      ! evaluations, those for differences included
     real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
     integer, allocatable :: ipvt(:)          ! (n): its pivots

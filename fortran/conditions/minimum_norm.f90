@@ -45,21 +45,21 @@ contains
     type(linear_model_t) :: model
     real(wp), dimension(conditions) :: r, r_trial, y
     real(wp) :: step(size(moving)), trial(size(x)), damping, growth, f_trial, gain
-    integer :: flag, i, info, iteration
+    integer :: outcome, i, info, iteration
 
     allocate (model%full(conditions, size(x)), model%jac(conditions, size(moving)))
     allocate (model%gram(conditions, conditions), model%factor(conditions, conditions), &
               source=0.0_wp)
     status = not_finite
     evaluations = 1
-    flag = 0
-    call problem%residual(x, r, flag)
+    outcome = 0
+    call problem%residual(x, r, outcome)
     f = sum(r**2)
-    if (flag < 0 .or. .not. f <= huge(f)) return
+    if (outcome < 0 .or. .not. f <= huge(f)) return
     status = out_of_iterations
     if (f <= ftol) status = solved
-    call linearise(problem, x, moving, model, flag)
-    if (flag < 0) status = not_finite
+    call linearise(problem, x, moving, model, outcome)
+    if (outcome < 0) status = not_finite
     damping = max(first_damping * maxval([(dot_product(model%jac(i, :), model%jac(i, :)), &
                                            i=1, conditions)]), min_damping)
     growth = 2.0_wp
@@ -76,11 +76,11 @@ contains
       call add_acceleration(problem, x, moving, r, model, step)
       trial = x
       trial(moving) = x(moving) + step
-      flag = 0
-      call problem%residual(trial, r_trial, flag)
+      outcome = 0
+      call problem%residual(trial, r_trial, outcome)
       evaluations = evaluations + 2
       f_trial = sum(r_trial**2)
-      if (flag >= 0 .and. f_trial < f) then
+      if (outcome >= 0 .and. f_trial < f) then
         gain = (f - f_trial) / max(f - sum((damping * y)**2), tiny(f))
         damping = max(damping * max(1.0_wp / 3.0_wp, 1.0_wp - (2.0_wp * gain - 1.0_wp)**3), &
                       min_damping)
@@ -91,8 +91,8 @@ contains
         if (f <= ftol) then
           status = solved
         else
-          call linearise(problem, x, moving, model, flag)
-          if (flag < 0) status = no_descent
+          call linearise(problem, x, moving, model, outcome)
+          if (outcome < 0) status = no_descent
         end if
       else
         damping = damping * growth
@@ -103,15 +103,15 @@ contains
   end subroutine minimise_norm
 
   ! Computes the Jacobian and its Gram matrix.
-  subroutine linearise(problem, x, moving, model, flag)
+  subroutine linearise(problem, x, moving, model, outcome)
     class(order_conditions_t), intent(inout) :: problem
     real(wp), intent(in) :: x(:)
     integer, intent(in) :: moving(:)
     type(linear_model_t), intent(inout) :: model
-    integer, intent(out) :: flag             ! negative if the Jacobian isn't finite
+    integer, intent(out) :: outcome          ! negative if the Jacobian isn't finite
 
-    flag = 0
-    call problem%jacobian(x, model%full, flag)
+    outcome = 0
+    call problem%jacobian(x, model%full, outcome)
     model%jac = model%full(:, moving)
     call dsyrk('L', 'N', size(model%jac, 1), size(moving), 1.0_wp, model%jac, size(model%jac, 1), &
                0.0_wp, model%gram, size(model%gram, 1))
@@ -125,13 +125,13 @@ contains
     type(linear_model_t), intent(in) :: model
     real(wp), intent(inout) :: step(:)
     real(wp) :: ahead(size(x)), second(size(r)), acceleration(size(step))
-    integer :: flag, info
+    integer :: outcome, info
 
     ahead = x
     ahead(moving) = x(moving) + probe * step
-    flag = 0
-    call problem%residual(ahead, second, flag)
-    if (flag < 0) return
+    outcome = 0
+    call problem%residual(ahead, second, outcome)
+    if (outcome < 0) return
     second = (2.0_wp / probe) * ((second - r) / probe - matmul(model%jac, step))
     call dpotrs('L', size(r), 1, model%factor, size(r), second, size(r), info)
     acceleration = -matmul(second, model%jac)

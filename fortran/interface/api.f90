@@ -46,11 +46,11 @@ contains
     integer, intent(in) :: trees(m), owner(m)
     real(wp), intent(out) :: r(m)
     type(order_conditions_t) :: conditions
-    integer :: flag
+    integer :: outcome
 
-    flag = 0
+    outcome = 0
     call conditions%set_up(order, layout, trees, owner)
-    call conditions%residual(x, r, flag)
+    call conditions%residual(x, r, outcome)
   end subroutine residuals
 
   ! The derivatives of the residuals by the unknowns
@@ -61,11 +61,11 @@ contains
     integer, intent(in) :: trees(m), owner(m)
     real(wp), intent(out) :: jac(m, n)
     type(order_conditions_t) :: conditions
-    integer :: flag
+    integer :: outcome
 
-    flag = 0
+    outcome = 0
     call conditions%set_up(order, layout, trees, owner)
-    call conditions%jacobian(x, jac, flag)
+    call conditions%jacobian(x, jac, outcome)
   end subroutine jacobian
 
   ! MINPACK's lmdif on the order conditions. A zero in the list of trees adds a row of zeros.

@@ -36,7 +36,7 @@ contains
 
   ! Calls a function in C for each of some points, which it may overwrite, at one time or one each.
   subroutine call_rhs(function_address, data_address, data_stride, table_address, curves, times, &
-                      t, members, n, m, y, f, done, flag) bind(c)
+                      t, members, n, m, y, f, done, code) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
     integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
@@ -45,18 +45,18 @@ contains
     real(wp), intent(in) :: t(times)
     real(wp), intent(inout) :: y(n, members), f(m, members)
     integer, intent(out) :: done                       ! how many were evaluated before one failed
-    integer, intent(out) :: flag                       ! what the function returned then
+    integer, intent(out) :: code                       ! what the function returned then
     type(rhs_t) :: rhs
 
     call c_f_procpointer(transfer(function_address, c_null_funptr), rhs%function)
     rhs%data%address = data_address
     rhs%data%stride = data_stride
     if (curves > 0) call c_f_pointer(transfer(table_address, c_null_ptr), rhs%data%inputs, [curves])
-    flag = 0
+    code = 0
     do done = 0, members - 1
       rhs%member = merge(done + 1, 1, data_stride /= 0)
-      call evaluate(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
-      if (flag /= 0) exit
+      call evaluate(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), code)
+      if (code /= 0) exit
     end do
   end subroutine call_rhs
 
@@ -217,15 +217,15 @@ contains
   end subroutine fit_minimum_norm
 
   ! Evaluates the residuals of lmdif_of_python.
-  subroutine residual(self, x, f, flag)
+  subroutine residual(self, x, f, outcome)
     class(python_function_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)   ! (n)
     real(wp), intent(out) :: f(:)  ! (m)
-    integer, intent(inout) :: flag
+    integer, intent(inout) :: outcome
     logical :: failed
 
     call self%python%apply(residual_operation, x, x(:0), f, failed)
-    if (failed) flag = stopped_by_user
+    if (failed) outcome = stopped_by_user
   end subroutine residual
 
   ! MINPACK's lmdif on a function in Python. It isn't `threadsafe`: the function needs the lock.

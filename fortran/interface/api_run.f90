@@ -117,13 +117,13 @@ contains
     integer(c_intptr_t), intent(in) :: plan_address, record_address
     integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
     type(run_t), pointer :: run
-    integer :: memory
+    integer :: alloc_status
 
     allocate (run)
     call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
-    call open_run(plan_at(plan_address), run, memory)
+    call open_run(plan_at(plan_address), run, alloc_status)
     address = transfer(c_loc(run), address)
-    if (memory == 0) return
+    if (alloc_status == 0) return
     address = 0
     deallocate (run)
   end subroutine run_open

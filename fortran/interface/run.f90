@@ -68,17 +68,17 @@ contains
   end function run_at
 
   ! Makes a run from its record, for a plan.
-  subroutine open_run(plan, run, memory)
+  subroutine open_run(plan, run, alloc_status)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
-    integer, intent(out) :: memory           ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
 
     call set_problem(plan, run)
     if (run%record%body_numbers > 0) call set_bodies(run)
     call set_observer(run, run%record%observer, run%output%observer)
     call set_observer(run, run%record%step_function, run%step_function)
     call set_output(run)
-    call set_lanes(run, memory)
+    call set_lanes(run, alloc_status)
   end subroutine open_run
 
   ! Takes the problem that all trajectories solve from the plan and the record.
@@ -119,9 +119,9 @@ contains
   end subroutine set_problem
 
   ! Makes the lanes, and the views of what is stored of each member.
-  subroutine set_lanes(run, memory)
+  subroutine set_lanes(run, alloc_status)
     type(run_t), target, intent(inout) :: run
-    integer, intent(out) :: memory           ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
     integer :: i, lanes, members
     integer(int8) :: none(0)
 
@@ -133,12 +133,12 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      allocate (run%busy(lanes), source=.false., stat=memory)
-      if (memory == 0) allocate (run%lanes(lanes), stat=memory)
-      if (memory /= 0) return
+      allocate (run%busy(lanes), source=.false., stat=alloc_status)
+      if (alloc_status == 0) allocate (run%lanes(lanes), stat=alloc_status)
+      if (alloc_status /= 0) return
       do i = 1, size(run%lanes)
-        call reserve_trajectory(run%problem_t, run%lanes(i), memory)
-        if (memory /= 0) return
+        call reserve_trajectory(run%problem_t, run%lanes(i), alloc_status)
+        if (alloc_status /= 0) return
         run%lanes(i)%member = i
       end do
       call exchange_state(run%lanes(1), .false., none, record%state_size)
@@ -370,7 +370,7 @@ contains
     integer, allocatable :: asked(:)                   ! for how many times each asks
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
-    integer :: i, k, m, memory, n
+    integer :: i, k, m, alloc_status, n
 
     requests = pack([(i, i=1, size(run%lanes))], run%lanes%status == needs_rhs)
     m = run%frame%dimension
@@ -379,9 +379,9 @@ contains
     if (run%frame%derivatives) m = n
     asked = [(times_asked(run%lanes(requests(i))), i=1, size(requests))]
     k = sum(asked)
-    allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=memory)
-    if (memory /= 0) run%lanes(requests)%status = out_of_memory
-    if (memory /= 0) return
+    allocate (times(k), members(k), points(n * size(requests)), answers(m * k), stat=alloc_status)
+    if (alloc_status /= 0) run%lanes(requests)%status = out_of_memory
+    if (alloc_status /= 0) return
     k = 0
     do i = 1, size(requests)
       associate (lane => run%lanes(requests(i)))
@@ -415,7 +415,7 @@ contains
     integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks
     real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
     real(wp), allocatable :: values(:)
-    integer :: event, i, j, memory, total
+    integer :: event, i, j, alloc_status, total
     logical :: failed
 
     associate (lanes => run%lanes, n => run%frame%point_size)
@@ -424,9 +424,9 @@ contains
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
       allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), &
-                stat=memory)
-      if (memory /= 0) lanes(waiting)%status = out_of_memory
-      if (memory /= 0) return
+                stat=alloc_status)
+      if (alloc_status /= 0) lanes(waiting)%status = out_of_memory
+      if (alloc_status /= 0) return
       total = 0
       do i = 1, size(waiting)
         associate (lane => lanes(waiting(i)), count => counts(i))

@@ -95,7 +95,7 @@ contains
     variation = 0.0_wp
     do k = 2, size(x%method%c)
       x%norms%displacement = x%h * (x%f(:, k) - x%f(:, 1))
-      call raise(variation, displacement_norm(x))
+      call take_larger(variation, displacement_norm(x))
     end do
   end function variation
 
@@ -123,7 +123,7 @@ contains
         if (size(x%added) > 0) then
           call combine(size(u), size(x%f, 2), weight, x%added, u)
           call remove_isotropy(x%frame, x%y(:, x%result), u)
-          call raise(errors(2, place), displacement_norm(x))
+          call take_larger(errors(2, place), displacement_norm(x))
           x%v(:, 1) = u                      ! the rest; all flows have been followed
         end if
         call combine(size(u), size(x%f, 2), weight, x%f, u)
@@ -132,21 +132,21 @@ contains
         if (size(x%added) > 0) u = u - x%v(:, 1)
         error = displacement_norm(x)
         if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
-        call raise(errors(part, place), error)
+        call take_larger(errors(part, place), error)
         if (method%estimate /= parts_of_results_estimate) cycle
-        if (i == 1) call raise(errors(2, place), distance(x, method%embedded, x%norms%change))
-        if (i == last) call raise(errors(2, place), distance(x, method%third, x%norms%change))
+        if (i == 1) call take_larger(errors(2, place), distance(x, method%embedded, x%norms%change))
+        if (i == last) call take_larger(errors(2, place), distance(x, method%third, x%norms%change))
       end do
     end associate
   end subroutine difference_norms
 
-  ! Raises an error to another one, unless that is smaller; NaN counts as larger.
-  pure subroutine raise(error, other)
+  ! Replaces an error by another one that is larger, as NaN counts.
+  pure subroutine take_larger(error, other)
     real(wp), intent(inout) :: error
     real(wp), intent(in) :: other
 
     if (.not. other <= error) error = other
-  end subroutine raise
+  end subroutine take_larger
 
   ! Raises the error of a step of a Magnus method where differences may vanish by chance.
   subroutine limit_change(x, rest)

@@ -42,13 +42,13 @@ module events_m
 contains
 
   ! Evaluates the function of an event. Values of one with a period are next to zero.
-  subroutine event_value(self, member, event, t, y, g, flag)
+  subroutine event_value(self, member, event, t, y, g, failed)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event               ! from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(out) :: g
-    logical, intent(out) :: flag                       ! whether the function failed
+    logical, intent(out) :: failed                     ! whether the function failed
     procedure(event_i), pointer :: function
     integer(c_intptr_t) :: data
     real(wp) :: answer(1)
@@ -67,21 +67,21 @@ contains
         g = answer(1)
       end if
     end associate
-    flag = .not. abs(g) <= huge(g)
+    failed = .not. abs(g) <= huge(g)
   end subroutine event_value
 
   ! Evaluates the point after an event from the one before, in Python.
-  subroutine event_jump(self, member, event, t, y, after, flag)
+  subroutine event_jump(self, member, event, t, y, after, failed)
     class(events_t), intent(in) :: self
     integer, intent(in) :: member, event
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) before
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
-    logical, intent(out) :: flag
+    logical, intent(out) :: failed
 
     call self%callback%apply(jump_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
                              after)
-    flag = .not. all(abs(after) <= huge(after))
+    failed = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
   ! Evaluates what is observed at a point, in C or in Python.
@@ -92,13 +92,13 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: values(:)     ! (count)
     integer, intent(inout) :: status                   ! raised if one fails
-    integer :: flag, i
+    integer :: code, i
     logical :: failed
 
     if (self%functions%count == 0) then
       self%rhs%member = member
-      call evaluate(self%rhs, size(y), self%count, t, y, values, flag)
-      if (flag /= 0) status = raised
+      call evaluate(self%rhs, size(y), self%count, t, y, values, code)
+      if (code /= 0) status = raised
     end if
     do i = 1, self%functions%count
       call self%functions%value(member, i, t, y, values(i), failed)

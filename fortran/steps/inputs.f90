@@ -161,15 +161,15 @@ contains
   end function max_step_at
 
   ! Evaluates a right-hand side. What it doesn't write is NaN. Shapes are explicit, for speed.
-  subroutine evaluate(self, n, m, t, y, f, flag)
+  subroutine evaluate(self, n, m, t, y, f, code)
     type(rhs_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
     real(wp), intent(in) :: t, y(n)
     real(wp), intent(out) :: f(m)
-    integer, intent(out) :: flag                   ! nonzero stops the integration
+    integer, intent(out) :: code                   ! nonzero stops the integration
 
     f = nan
-    flag = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
+    code = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
   end subroutine evaluate
 
 end module inputs_m

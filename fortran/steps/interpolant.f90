@@ -72,11 +72,11 @@ module interpolant_m
 contains
 
   ! Allocates the memory of an interpolant, and gives it its frame and scheme.
-  subroutine reserve_interpolant(frame, scheme, self, memory)
+  subroutine reserve_interpolant(frame, scheme, self, alloc_status)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
     type(interpolant_t), intent(inout) :: self
-    integer, intent(out) :: memory           ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
 
     self%frame => frame
     self%scheme => scheme
@@ -84,9 +84,9 @@ contains
       allocate (self%path(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
                 self%weight(max(1, derivatives, size(scheme%basis, 2))), &
                 self%vectors(m, scheme%vectors), self%next(m, max(scheme%nodes, derivatives)), &
-                self%v(m, size(scheme%weight, 2) + 1), stat=memory)
+                self%v(m, size(scheme%weight, 2) + 1), stat=alloc_status)
     end associate
-    if (memory == 0) self%vectors = 0.0_wp   ! all are stored, whether they are used or not
+    if (alloc_status == 0) self%vectors = 0.0_wp  ! all are stored, whether they are used or not
   end subroutine reserve_interpolant
 
   ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position

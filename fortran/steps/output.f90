@@ -38,12 +38,12 @@ contains
     integer(int64), intent(inout) :: used
     integer, parameter :: first_capacity = 64
     real(wp), allocatable :: more(:, :)
-    integer :: memory
+    integer :: alloc_status
 
     if (used == size(rows, 2, int64)) then
-      allocate (more(size(rows, 1), max(first_capacity, 2 * size(rows, 2))), stat=memory)
-      if (memory /= 0) output%status = out_of_memory
-      if (memory /= 0) return
+      allocate (more(size(rows, 1), max(first_capacity, 2 * size(rows, 2))), stat=alloc_status)
+      if (alloc_status /= 0) output%status = out_of_memory
+      if (alloc_status /= 0) return
       more(:, :used) = rows
       call move_alloc(more, rows)
     end if
@@ -122,10 +122,10 @@ contains
     integer, parameter :: max_inner = 32     ! points that one flow along a polynomial computes
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
-    integer :: i, k, last, memory
+    integer :: i, k, last, alloc_status
 
-    call reserve_interpolant(frame, scheme, interpolant, memory)
-    if (memory /= 0) return
+    call reserve_interpolant(frame, scheme, interpolant, alloc_status)
+    if (alloc_status /= 0) return
     interpolant%known = scheme%nodes
     i = 1
     k = 0

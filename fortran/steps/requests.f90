@@ -76,8 +76,8 @@ contains
     logical :: splits
     integer :: status
 
-    associate (y => x%request%y, f => x%request%answer, flag => x%request%detail)
-      if (flag == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
+    associate (y => x%request%y, f => x%request%answer, code => x%request%detail)
+      if (code == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
         if (.not. splits) call add_free_motion(x%frame, y, f)
@@ -92,13 +92,13 @@ contains
           end if
         end if
       end if
-      if (flag == 0 .and. finite(size(f), f)) then
+      if (code == 0 .and. finite(size(f), f)) then
         x%status = finished
-      else if (flag == raised_in_python) then
+      else if (code == raised_in_python) then
         call fail(x, raised, x%request%t)
       else if (.not. finite(size(y), y)) then
         call reject_stage(x, stage_not_finite, x%request%t)
-      else if (flag /= 0) then
+      else if (code /= 0) then
         call fail(x, stopped_by_rhs, x%request%t)
       else
         call reject_stage(x, rhs_not_finite, x%request%t)

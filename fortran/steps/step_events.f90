@@ -140,7 +140,7 @@ contains
     logical :: endless, waits
     real(wp) :: middle(size(x%events))                 ! values there
     real(wp), allocatable :: theta(:), values(:, :)    ! (0:parts), (0:parts, events)
-    integer :: i, memory, n
+    integer :: i, alloc_status, n
 
     n = parts(x)
     endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
@@ -159,8 +159,8 @@ contains
       if (x%status /= finished) return
       if (all(keeps_sign(x%events, middle))) return
     end if
-    allocate (theta(0:n), values(0:n, size(x%events)), stat=memory)
-    if (memory /= 0) then
+    allocate (theta(0:n), values(0:n, size(x%events)), stat=alloc_status)
+    if (alloc_status /= 0) then
       call fail(x, out_of_memory, x%t)
       return
     end if

@@ -225,10 +225,10 @@ module trajectory_m
 contains
 
   ! Allocates the arrays of a trajectory: those of all methods, then those of some.
-  subroutine reserve_trajectory(problem, x, memory)
+  subroutine reserve_trajectory(problem, x, alloc_status)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
-    integer, intent(out) :: memory           ! nonzero if an allocation failed
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer :: last, paths, summands, width
 
     x%problem => problem
@@ -248,26 +248,27 @@ contains
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
                 x%slope(m), x%end_slope(m), x%events(events), &
                 x%query(query_numbers + n + events, 0), x%norms%scale(width), &
-                x%norms%vector(width), x%norms%change(width), x%norms%displacement(m), stat=memory)
-      if (memory /= 0) return
+                x%norms%vector(width), x%norms%change(width), x%norms%displacement(m), &
+                stat=alloc_status)
+      if (alloc_status /= 0) return
       last = merge(1, 0, record%keep_last)
       allocate (x%y(n, 0:paths), x%last_y(n * last), x%last_slope(m * last), &
                 x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
                 x%added(m, merge(summands, 0, method%estimate == parts_of_series_estimate)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
                                              .and. method%kind == splitting_kind)), &
-                source=0.0_wp, stat=memory)
-      if (memory == 0) call reserve_implicit(x, memory)
-      if (memory == 0 .and. (record%dense .or. record%outputs > 0 .or. events > 0 &
+                source=0.0_wp, stat=alloc_status)
+      if (alloc_status == 0) call reserve_implicit(x, alloc_status)
+      if (alloc_status == 0 .and. (record%dense .or. record%outputs > 0 .or. events > 0 &
                              .or. record%keep_last)) &
-        call reserve_interpolant(frame, method%scheme, x%interpolant, memory)
+        call reserve_interpolant(frame, method%scheme, x%interpolant, alloc_status)
     end associate
   end subroutine reserve_trajectory
 
   ! Allocates what the equations of implicit stages are solved with, empty for other methods.
-  subroutine reserve_implicit(x, memory)
+  subroutine reserve_implicit(x, alloc_status)
     type(trajectory_t), intent(inout) :: x
-    integer, intent(out) :: memory           ! nonzero if an allocation failed
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer :: blocks, k, n, summands, unknowns
 
     blocks = merge(x%method%blocks, 0, x%method%kind == implicit_kind)
@@ -284,7 +285,7 @@ contains
               x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
               x%collocation%complex_pivot(n), x%implicit%value(size(x%f, 1), summands), &
               x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
-              x%implicit%factored_h(blocks), stat=memory)
+              x%implicit%factored_h(blocks), stat=alloc_status)
   end subroutine reserve_implicit
 
   ! Starts a trajectory at a point, without memory of earlier steps.

@@ -18,13 +18,13 @@ module linalg_m
   end type least_squares_t
 
   abstract interface
-    ! f(x). A negative `flag` on return stops the solver, whose `info` it becomes.
-    subroutine residual_i(self, x, f, flag)
+    ! f(x). A negative `outcome` stops the solver, whose `info` it becomes.
+    subroutine residual_i(self, x, f, outcome)
       import :: least_squares_t, wp
       class(least_squares_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)       ! (n)
       real(wp), intent(out) :: f(:)      ! (m)
-      integer, intent(inout) :: flag
+      integer, intent(inout) :: outcome
     end subroutine residual_i
   end interface
 
