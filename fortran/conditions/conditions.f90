@@ -245,7 +245,7 @@ contains
     integer :: i, begin, stage
     real(wp) :: c
 
-    call self%weights%evaluate(x)
+    call self%weights%evaluate_trees(x)
     associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees)
       f = 0.0_wp
       do i = 1, size(trees)
@@ -279,7 +279,7 @@ contains
     ! first condition that weights of n nodes enter: one of n + 1 nodes, or an assumption of n
     integer :: first_for(self%weights%order)
 
-    call self%weights%evaluate(x)
+    call self%weights%evaluate_trees(x)
     associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees, &
                owner => self%owner)
       first_for = [(findloc([trees >= tree_start(s + merge(0, 1, owner > 0)), .true.], .true., 1), &

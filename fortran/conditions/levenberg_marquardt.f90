@@ -85,7 +85,7 @@ contains
         fnorm_trial = enorm(ftrial)
         actual = -1
         if (0.1_wp * fnorm_trial < fnorm) actual = 1 - (fnorm_trial / fnorm)**2
-        call predict(solver, step, fnorm, par, pnorm, predicted, slope)
+        call predict_reduction(solver, step, fnorm, par, pnorm, predicted, slope)
         ratio = 0
         if (abs(predicted) > 0) ratio = actual / predicted
         call adjust_region(ratio, actual, slope, 0.1_wp * fnorm_trial >= fnorm, pnorm, delta, par)
@@ -156,7 +156,7 @@ contains
   end function scaled_gradient
 
   ! Relative reduction of |f|**2 in the linear model, and half its derivative along the step.
-  pure subroutine predict(solver, step, fnorm, par, pnorm, reduction, slope)
+  pure subroutine predict_reduction(solver, step, fnorm, par, pnorm, reduction, slope)
     type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
     real(wp), intent(in) :: step(:), fnorm, par, pnorm   ! step: (n)
     real(wp), intent(out) :: reduction, slope
@@ -171,7 +171,7 @@ contains
     damping = (sqrt(par) * pnorm) / fnorm
     reduction = linear**2 + damping**2 / 0.5_wp
     slope = -(linear**2 + damping**2)
-  end subroutine predict
+  end subroutine predict_reduction
 
   ! Shrinks or widens the trust region by how well the model foretold f.
   pure subroutine adjust_region(ratio, actual, slope, far_worse, pnorm, delta, par)

@@ -32,7 +32,7 @@ module weights_m
     integer :: inner = 0                      ! segments on the paths to stages are among the first
   end type pattern_t
 
-  type :: weights_t                           ! workspace, and the result of evaluate
+  type :: weights_t                           ! workspace, and what evaluate_trees computes
     type(pattern_t) :: pattern
     integer :: order = 0
     integer :: stage_trees = 0                ! trees with at most order nodes
@@ -45,7 +45,7 @@ module weights_m
     real(wp), allocatable :: chi(:, :)        ! (0:segments, stage_trees) weight at their ends
   contains
     procedure :: set_up
-    procedure :: evaluate
+    procedure :: evaluate_trees
     procedure :: weight
   end type weights_t
 
@@ -128,7 +128,7 @@ contains
   end subroutine set_up
 
   ! Computes the weights of all trees with at most `order` nodes at the ends of all segments.
-  subroutine evaluate(self, x)
+  subroutine evaluate_trees(self, x)
     class(weights_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)  ! (unknowns)
     real(wp) :: change(self%pattern%points), total
@@ -150,7 +150,7 @@ contains
         call letters(pattern, x, self%chi(:, t), self%letter(:, t))
       end do
     end associate
-  end subroutine evaluate
+  end subroutine evaluate_trees
 
   ! Computes the letters l_m(t) = sum_k alpha_mk Phi_k(t) of one tree at all points.
   pure subroutine letters(pattern, x, chi, letter)
@@ -170,7 +170,7 @@ contains
     end do
   end subroutine letters
 
-  ! Phi(t) of a result after evaluate, for any tree with at most order + 1 nodes.
+  ! Phi(t) of a result after evaluate_trees, for any tree with at most order + 1 nodes.
   function weight(self, t, second) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t

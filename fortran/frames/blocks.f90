@@ -31,7 +31,7 @@ module blocks_m
     module procedure skew_matrix, unitary_matrix
   end interface algebra_matrix
   interface algebra_coefficients
-    module procedure skew_coefficients, unitary_coefficients
+    module procedure coefficients_of_skew, coefficients_of_unitary
   end interface algebra_coefficients
 
   type :: block_t
@@ -97,7 +97,7 @@ contains
   end subroutine skew_matrix
 
   ! The coefficients of the skew part of a matrix
-  pure subroutine skew_coefficients(n, x, v)
+  pure subroutine coefficients_of_skew(n, x, v)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: v(:)                ! (dimension)
@@ -110,7 +110,7 @@ contains
         k = k - 1
       end do
     end do
-  end subroutine skew_coefficients
+  end subroutine coefficients_of_skew
 
   ! The element of the Lie algebra of SU(n) or U(n) with coefficients v
   pure subroutine unitary_matrix(n, v, x)
@@ -144,7 +144,7 @@ contains
   end subroutine unitary_matrix
 
   ! The coefficients of the projection of a matrix
-  pure subroutine unitary_coefficients(n, x, v)
+  pure subroutine coefficients_of_unitary(n, x, v)
     integer, intent(in) :: n
     complex(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: v(:)                ! (dimension)
@@ -164,7 +164,7 @@ contains
       k = k + 1
     end do
     if (size(v) == n**2) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
-  end subroutine unitary_coefficients
+  end subroutine coefficients_of_unitary
 
   ! The normalisation of the diagonal basis matrix j
   pure real(wp) function diagonal(j)

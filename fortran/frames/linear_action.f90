@@ -37,7 +37,7 @@ module linear_action_m
     integer, allocatable :: place(:)         ! (reals_per_entry, terms) number in X to which it adds
     real(wp), allocatable :: value(:)        ! (reals_per_entry, terms) its coefficient
     integer, allocatable :: term_column(:)   ! (terms)
-    real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
+    real(wp), allocatable :: norm(:)         ! (generators) bounds of norms, sums of moduli in rows
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp ! tolerances of the point, zero if steps are fixed
   end type linear_action_t
 
@@ -110,7 +110,7 @@ contains
     integer :: j, piece, pieces
 
     do j = 1, size(v, 2)
-      call combine(action, v(:, j), x, norm)
+      call combine_generators(action, v(:, j), x, norm)
       if (.not. (norm / chebyshev_norm <= max_pieces .and. all(abs(v(:, j)) <= huge(v)))) then
         y = nan
         return
@@ -138,12 +138,12 @@ contains
     real(wp), allocatable :: x(:)
     real(wp) :: norm
 
-    call combine(action, v, x, norm)
+    call combine_generators(action, v, x, norm)
     call multiply(action, action%first, action%column, x, y, tangent)
   end subroutine linear_tangent
 
   ! Computes the entries of X and a bound of its norm, the largest sum of moduli in a row.
-  pure subroutine combine(action, v, x, norm)
+  pure subroutine combine_generators(action, v, x, norm)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:)             ! (generators)
     real(wp), allocatable, intent(inout) :: x(:)   ! (reals_per_entry, entries)
@@ -165,7 +165,7 @@ contains
       if (.not. row <= norm) norm = row
       if (.not. norm <= huge(norm)) return   ! a later row must not replace NaN
     end do
-  end subroutine combine
+  end subroutine combine_generators
 
   ! A bound of the moduli of eigenvalues of X, by sums of rows or Frobenius' norm
   pure real(wp) function spectral_bound(action, v)
@@ -173,7 +173,7 @@ contains
     real(wp), intent(in) :: v(:)             ! (generators)
     real(wp), allocatable :: x(:)
 
-    call combine(action, v, x, spectral_bound)
+    call combine_generators(action, v, x, spectral_bound)
     if (allocated(x)) spectral_bound = min(spectral_bound, norm2(x))
   end function spectral_bound
 

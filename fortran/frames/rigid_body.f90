@@ -83,7 +83,7 @@ contains
     signs = [1.0_wp, merge(-1.0_wp, 1.0_wp, swapped), 1.0_wp]
     if (n(3) < 0) signs(2:3) = -signs(2:3)
     n = signs * n
-    call advance(top, swapped, length * time, n, after, angle)
+    call move_direction(top, swapped, length * time, n, after, angle)
     q = turned(n, angle, after)
     q(order) = signs * q(1:3)
     after(order) = signs * after
@@ -94,7 +94,7 @@ contains
   end subroutine turn_freely
 
   ! Computes the direction of the momentum after a time, and the angle chi; n3 isn't negative.
-  pure subroutine advance(top, swapped, time, n, after, angle)
+  pure subroutine move_direction(top, swapped, time, n, after, angle)
     type(top_t), intent(in) :: top
     logical, intent(in) :: swapped
     real(wp), intent(in) :: time             ! times L
@@ -128,7 +128,7 @@ contains
                       + direction * a1**2 * whole * mean)
       after = [a1 * m%cn, a1 * ratio * m%sn, m%a3 * m%dn]
     end associate
-  end subroutine advance
+  end subroutine move_direction
 
   ! Moves the functions by u, and computes the mean of 1 / (1 + a3 dn) on the way.
   pure subroutine follow(u, motion, mean)

@@ -10,7 +10,7 @@ module api_external_m
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   use free_motion_m, only: add_constraint_forces, close_joints
-  use inputs_m, only: call_python_rhs, evaluate, grid_t, make_grid, rhs_t
+  use inputs_m, only: call_python_rhs, evaluate_rhs, grid_t, make_grid, rhs_t
   use joints_m, only: constraints_t, evaluate_constraints, rates
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
@@ -55,7 +55,7 @@ contains
     code = 0
     do done = 0, members - 1
       rhs%member = merge(done + 1, 1, data_stride /= 0)
-      call evaluate(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), code)
+      call evaluate_rhs(rhs, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), code)
       if (code /= 0) exit
     end do
   end subroutine call_rhs

@@ -266,7 +266,7 @@ contains
       else if (any(run%lanes%status == needs_events)) then
         call answer_events(run)
       else if (any(run%lanes%status == needs_rhs)) then
-        call evaluate(run)
+        call answer_rhs(run)
       else if (waits .and. .not. stops) then         ! for the maximum of all
         run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
         where (run%busy) run%lanes%status = paused
@@ -364,7 +364,7 @@ contains
   end subroutine store_counters
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
-  subroutine evaluate(run)
+  subroutine answer_rhs(run)
     type(run_t), target, intent(inout) :: run
     integer, allocatable :: requests(:)                ! these lanes
     integer, allocatable :: asked(:)                   ! for how many times each asks
@@ -407,7 +407,7 @@ contains
       end associate
       k = k + asked(i)
     end do
-  end subroutine evaluate
+  end subroutine answer_rhs
 
   ! Evaluates the functions of events that lanes wait for, vectorized ones at all points at once.
   subroutine answer_events(run)

@@ -53,14 +53,14 @@ contains
     associate (record => self%record, n => int(self%record%dimension))
       columns = n + int(record%parameters + record%noises)
       if (record%directions > 0) columns = int(record%directions)
-      call evaluate(self, n, columns, y, y(record%width + 1), f, f(n + 1))
+      call evaluate_with_derivatives(self, n, columns, y, y(record%width + 1), f, f(n + 1))
     end associate
     code = self%code
   end function variational_rhs
 
   ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows. What
   ! isn't given is found by differences, along directions by those along each.
-  subroutine evaluate(self, n, columns, y, x, f, slope)
+  subroutine evaluate_with_derivatives(self, n, columns, y, x, f, slope)
     type(evaluation_t), intent(inout) :: self
     integer, intent(in) :: n, columns                  ! dimension, and columns of X
     real(wp), intent(in) :: y(self%record%width), x(columns, n)
@@ -85,7 +85,7 @@ contains
         call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
       if (.not. along .and. self%code == 0) call add_differences(self, given, y, f, a, d)
       if (self%code /= 0) return
-      call add_brackets(record, n, f, a)
+      call add_bracket_matrix(record, n, f, a)
       slope = matmul(x, a)
       if (along) then
         call c_f_pointer(transfer(record%by_parameters, c_null_ptr), p, [k, columns])
@@ -106,7 +106,7 @@ contains
       if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &
         record%failed_function = products_failed
     end associate
-  end subroutine evaluate
+  end subroutine evaluate_with_derivatives
 
   ! Adds differences of f(i) along field j to a(j, i), by parameter j to d(j, i), unless given.
   subroutine add_differences(self, given, y, f, a, d)
@@ -283,7 +283,7 @@ contains
   end subroutine call_function
 
   ! Adds the matrix of brackets with f.
-  subroutine add_brackets(record, n, f, a)
+  subroutine add_bracket_matrix(record, n, f, a)
     type(variation_t), intent(in) :: record
     integer, intent(in) :: n
     real(wp), intent(in) :: f(n)
@@ -298,6 +298,6 @@ contains
     do c = 1, count
       a(place(2, c), place(3, c)) = a(place(2, c), place(3, c)) + constant(c) * f(place(1, c))
     end do
-  end subroutine add_brackets
+  end subroutine add_bracket_matrix
 
 end module variational_m

@@ -50,11 +50,11 @@ contains
         call factor(x, x%h, singular)
         x%counts%nlu = x%counts%nlu + 2
         if (singular) then
-          call give_up(x)
+          call retry_or_reject(x)
           return
         end if
       end if
-      call predict(x)
+      call predict_stages(x)
       ! As in RADAU5 the rate of the step before begins the estimate, to a power below one: with
       ! each step it counts less (Hairer, Wanner, Solving Ordinary Differential Equations II, IV.8).
       x%collocation%rate_factor = max(x%collocation%rate_factor, epsilon(1.0_wp))**0.8_wp
@@ -94,7 +94,7 @@ contains
 
   ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order
   ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
-  subroutine predict(x)
+  subroutine predict_stages(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: powers(3), back(size(x%slope))
     logical :: exists
@@ -111,7 +111,7 @@ contains
         if (.not. exists) newton%z(:, i) = 0.0_wp
       end do
     end associate
-  end subroutine predict
+  end subroutine predict_stages
 
   ! Factors both matrices for a step size. Those that aren't finite count as singular.
   subroutine factor(x, h, singular)
@@ -226,7 +226,7 @@ contains
         x%f(:, 2:) = slopes(x)
         x%phase = phase_finish_step
       else if (slow .or. remaining == 0) then
-        call give_up(x)
+        call retry_or_reject(x)
       else
         newton%z = newton%z + dz
         newton%iteration = newton%iteration + 1
@@ -261,7 +261,7 @@ contains
   end function correction_norm
 
   ! Tries again with the Jacobian of the present point, or else with a smaller step.
-  subroutine give_up(x)
+  subroutine retry_or_reject(x)
     type(trajectory_t), intent(inout) :: x
 
     x%collocation%rate_factor = 1.0_wp
@@ -273,7 +273,7 @@ contains
       x%collocation%iteration = 0
       x%phase = phase_next_stage
     end if
-  end subroutine give_up
+  end subroutine retry_or_reject
 
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
   subroutine request_jacobian(x)
@@ -297,7 +297,7 @@ contains
     associate (jacobian => x%collocation%jacobian)
       jacobian = reshape(answer(:size(jacobian)), shape(jacobian))
     end associate
-    if (x%problem%record%jacobian /= outside_jacobian) call add_brackets(x)
+    if (x%problem%record%jacobian /= outside_jacobian) call add_derivative_of_dexpinv(x)
     call finish_jacobian(x)
   end subroutine request_jacobian
 
@@ -364,7 +364,7 @@ contains
   end subroutine receive_column
 
   ! Adds the derivative of dexp^-1_u f at u = 0, -[u, f] / 2.
-  subroutine add_brackets(x)
+  subroutine add_derivative_of_dexpinv(x)
     type(trajectory_t), intent(inout) :: x
     real(wp), dimension(size(x%slope)) :: u, change
     integer :: j
@@ -375,7 +375,7 @@ contains
       call bracket(x%frame, u, x%slope, change)
       x%collocation%jacobian(:, j) = x%collocation%jacobian(:, j) + change
     end do
-  end subroutine add_brackets
+  end subroutine add_derivative_of_dexpinv
 
   ! Marks the Jacobian as that of the present point, which its factors don't belong to.
   subroutine finish_jacobian(x)

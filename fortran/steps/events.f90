@@ -3,7 +3,7 @@ module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate, member_data_t, rhs_t
+  use inputs_m, only: evaluate_rhs, member_data_t, rhs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
@@ -97,7 +97,7 @@ contains
 
     if (self%functions%count == 0) then
       self%rhs%member = member
-      call evaluate(self%rhs, size(y), self%count, t, y, values, code)
+      call evaluate_rhs(self%rhs, size(y), self%count, t, y, values, code)
       if (code /= 0) status = raised
     end if
     do i = 1, self%functions%count

@@ -99,7 +99,7 @@ contains
       call rewind_paths(x)
       call prepare_correction(x, block, info)
       if (info /= 0) then
-        call give_up(x, block)
+        call reject_block(x, block)
       else if (solver%column > 0) then
         call displace_unknown(x)
       else
@@ -186,7 +186,7 @@ contains
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
                                                 solver%pivot(:, block), d, size(d), info)
       if (.not. all(abs(d) <= huge(d))) then       ! max and maxval leave out NaN
-        call give_up(x, block)
+        call reject_block(x, block)
         return
       end if
       correction = 0.0_wp
@@ -202,7 +202,7 @@ contains
       end if
       limit = merge(fixed_point_limit, newton_limit, solver%fixed_point)
       if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
-        call give_up(x, block)
+        call reject_block(x, block)
         return
       end if
       if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
@@ -213,13 +213,13 @@ contains
   end subroutine correct
 
   ! Rejects the step, and forgets the factors of the block that wasn't solved.
-  subroutine give_up(x, block)
+  subroutine reject_block(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
 
     x%implicit%factored_h(block) = 0.0_wp
     x%request%detail = x%implicit%iteration
     call reject_stage(x, stages_not_solved, x%t)
-  end subroutine give_up
+  end subroutine reject_block
 
 end module implicit_m

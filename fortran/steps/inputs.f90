@@ -11,7 +11,8 @@ module inputs_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_rhs, evaluate, grid_t, max_step_at, make_grid, member_data_t, rhs_i, rhs_t
+  public :: call_python_rhs, evaluate_rhs, grid_t, make_grid, max_step_at, member_data_t, rhs_i, &
+            rhs_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
@@ -161,7 +162,7 @@ contains
   end function max_step_at
 
   ! Evaluates a right-hand side. What it doesn't write is NaN. Shapes are explicit, for speed.
-  subroutine evaluate(self, n, m, t, y, f, code)
+  subroutine evaluate_rhs(self, n, m, t, y, f, code)
     type(rhs_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
     real(wp), intent(in) :: t, y(n)
@@ -170,6 +171,6 @@ contains
 
     f = nan
     code = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
-  end subroutine evaluate
+  end subroutine evaluate_rhs
 
 end module inputs_m

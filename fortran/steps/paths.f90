@@ -35,7 +35,7 @@ module paths_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: add_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
+  public :: compute_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
 
 contains
 
@@ -210,7 +210,7 @@ contains
   end subroutine follow_paths
 
   ! Computes the brackets of the fields at the stages, times the step size.
-  subroutine add_brackets(x)
+  subroutine compute_brackets(x)
     type(trajectory_t), intent(inout) :: x
     real(wp), dimension(x%frame%dimension) :: u, v
     integer :: j, k
@@ -224,7 +224,7 @@ contains
       end do
       call bracket(x%frame, u, v, x%f(:, size(x%method%c) + j))
     end do
-  end subroutine add_brackets
+  end subroutine compute_brackets
 
   ! Takes the coefficients at the start for those of the first stage.
   subroutine start_explicit(x)

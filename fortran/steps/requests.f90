@@ -11,7 +11,7 @@ module requests_m
                             raised_in_python, rhs_not_finite, splitting_kind, stage_not_finite, &
                             stopped_by_rhs
   use trajectory_m
-  use inputs_m, only: evaluate
+  use inputs_m, only: evaluate_rhs
   use vectors_m, only: copy, finite
   implicit none
   private
@@ -57,11 +57,11 @@ contains
     if (x%problem%record%vectorized) return
     x%problem%rhs%member = x%member
     if (x%frame%derivatives) then
-      call evaluate(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
-                    x%request%detail)
+      call evaluate_rhs(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
+                        x%request%detail)
     else
-      call evaluate(x%problem%rhs, size(y), x%frame%dimension, x%request%t, y, &
-                    x%request%answer, x%request%detail)
+      call evaluate_rhs(x%problem%rhs, size(y), x%frame%dimension, x%request%t, y, &
+                        x%request%answer, x%request%detail)
     end if
     call copy(size(y), x%request%y, y)                 ! functions in C may overwrite their points
     if (x%frame%derivatives) &

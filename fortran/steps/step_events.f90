@@ -48,7 +48,7 @@ module step_events_m
 contains
 
   ! Evaluates the function of an event at a fraction of the step, if its value is known.
-  subroutine evaluate(x, event, sample)
+  subroutine evaluate_sample(x, event, sample)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
     type(sample_t), intent(inout) :: sample
@@ -57,7 +57,7 @@ contains
     values = sample%value
     call evaluate_events(x, event, sample%theta, values)
     sample%value = values(1)
-  end subroutine evaluate
+  end subroutine evaluate_sample
 
   ! Finds a zero of an event between two points, as far as there are values.
   subroutine find_zero(x, event, low, high, zero)
@@ -76,7 +76,7 @@ contains
     part = 0.5_wp
     do i = 1, max_root_iterations
       new%theta = a%theta + part * (b%theta - a%theta)
-      call evaluate(x, event, new)
+      call evaluate_sample(x, event, new)
       if (x%status /= finished) exit
       c = b
       if (new%value * sign(1.0_wp, a%value) > 0) then
@@ -297,7 +297,7 @@ contains
         exists = detects .and. min(nearest, minval(v)) < near
         extremum%value = -values(1)
         if (exists .or. detects .and. nearest > minval(v) / 2) return
-        call evaluate(x, event, extremum)
+        call evaluate_sample(x, event, extremum)
         if (x%status /= finished) return
         exists = extremum%value * sign(1.0_wp, values(1)) <= 0
         if (exists) return
@@ -394,7 +394,7 @@ contains
         point%theta = theta(first) * 0.5_wp**k
         ! times much shorter than that since the event tell no more about powers of it
         if (point%theta < elapsed / 16 .or. power_of(elapsed, near, 3) < passes) exit
-        call evaluate(x, event, point)
+        call evaluate_sample(x, event, point)
         if (x%status /= finished) return
         point%rounding = rounding_at(x, event, point%theta, values(n))
         if (abs(point%value) <= point%rounding) exit
@@ -503,7 +503,7 @@ contains
         happen(k) = zeros(k)%theta <= theta + same_time_tolerance
         if (happen(k)) cycle
         sample%theta = theta
-        call evaluate(x, zeros(k)%event, sample)
+        call evaluate_sample(x, zeros(k)%event, sample)
         if (x%status /= finished) return
         happen(k) = sample%value * real(zeros(k)%from, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%theta) - t) <= resolution(t)
