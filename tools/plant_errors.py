@@ -39,7 +39,7 @@ ROOMS = (
     "cg/construction/proofs", "cg/construction/search", "cg/construction/solvers",
     "cg/construction",
     "fortran/steps", "fortran/steps", "fortran/steps", "fortran/steps", "fortran/frames",
-    "fortran/frames", "fortran/frames", "fortran/interface", "fortran/interface",
+    "fortran/frames", "fortran/frames", "fortran/interface", "fortran/runs",
     "fortran/conditions", "fortran/support",
 )  # fmt: skip
 _UNSWITCHED = ("__init__", "trees", "wrap", "api")  # the build runs them, or f2py reads them

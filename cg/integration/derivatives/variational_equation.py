@@ -121,7 +121,7 @@ class VariationalEquation:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
 
         They are NaN, which ends steps, at points that aren't finite, and where f isn't. For
-        functions of one point ``fortran/interface/variational.f90`` evaluates them.
+        functions of one point ``fortran/runs/variational.f90`` evaluates them.
         """
         finite = np.isfinite(z).all(axis=-1)
         if not finite.all():
@@ -196,7 +196,7 @@ class VariationalEquation:
         """Return differences of ``f`` along the directions, shape ``(dim, directions)``.
 
         They are taken as compiled code takes them on its frames, see `add_differences` in
-        ``fortran/interface/variational.f90``.
+        ``fortran/runs/variational.f90``.
         """
         y, x = self.split(z)
         shifts, numbers = np.zeros((x.shape[1], 0)), np.zeros(0)
@@ -332,7 +332,7 @@ class _Record(ctypes.Structure):
 class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
-    ``fortran/interface/variational.f90`` calls the functions, which may be in Python. They receive
+    ``fortran/runs/variational.f90`` calls the functions, which may be in Python. They receive
     the address of the parameters, as events do. ``data`` has the address of the record of each
     member, then its parameters and inputs.
     """
