@@ -245,17 +245,22 @@ class Linkage:
         self.address: int = core.plan_open(blocks, np.zeros(1), False, 0)
         weakref.finalize(self, core.plan_close, self.address)
         columns, constants = frame.compiled_bodies()
-        core.plan_set_bodies(self.address, columns, constants, 0)
+        if core.plan_set_bodies(self.address, columns, constants, 0):
+            raise MemoryError("there is not enough memory for the inertia of bodies")
         core.plan_set_joints(
             self.address, _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
             _padded(numbers, 13, np.float64), self.user_count, id(reader),
         )  # fmt: skip
         self._reader = reader
 
-    def _call(self, procedure: str, *rows: NDArray[Any]) -> None:
-        """Call a compiled procedure with points and what belongs to each, unless there is none."""
-        if len(rows[0]):  # no array may be empty
-            getattr(self._core, procedure)(self.address, *(array.T for array in rows))
+    def _call(self, procedure: str, *rows: NDArray[Any]) -> NDArray[np.intc]:
+        """Call a compiled procedure with points and what belongs to each; return a status each."""
+        status = np.zeros(len(rows[0]), dtype=np.intc)
+        if len(status):  # no array may be empty
+            getattr(self._core, procedure)(self.address, *(array.T for array in rows), status)
+        if (status == Stop.OUT_OF_MEMORY).any():
+            raise MemoryError("there is not enough memory for the constraints of joints")
+        return status
 
     def errors(self, y: Array, relative: bool = False) -> Array:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
@@ -274,8 +279,7 @@ class Linkage:
     def close(self, y: Array) -> Array:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
-        status = np.zeros(len(rows), dtype=np.intc)
-        self._call("joints_close", rows, status)
+        status = self._call("joints_close", rows)
         rows[status != Stop.FINISHED] = np.nan
         return rows.reshape(y.shape)
 
@@ -286,8 +290,7 @@ class Linkage:
         """
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
-        status = np.zeros(len(rows), dtype=np.intc)
-        self._call("joints_forces", rows, fields, multipliers, status)
+        status = self._call("joints_forces", rows, fields, multipliers)
         fields[status != Stop.FINISHED] = np.nan
         multipliers[status != Stop.FINISHED] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)

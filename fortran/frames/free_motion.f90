@@ -11,7 +11,7 @@ module free_motion_m
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
-  use shared_numbers, only: euclidean_block, finished, joints_not_solved, raised, sphere_block
+  use shared_numbers, only: euclidean_block, finished, joints_not_solved, sphere_block
   use vectors_m, only: cross
   implicit none
   private
@@ -24,38 +24,45 @@ contains
   ! Makes the bodies of the blocks of a frame but the last, the momenta. Constants of each are its
   ! inverse inertia, the root of its inertia, and an option: 0; 1 before a gyroscopic matrix that
   ! commutes with free motion, 2 before another one. Those of top_t end a body that turns.
-  subroutine make_bodies(columns, constants, frame, bodies)
+  subroutine make_bodies(columns, constants, frame, bodies, alloc_status)
     integer, intent(in) :: columns(:)        ! (bodies) of its inertia, negative if it turns
     real(wp), intent(in) :: constants(:)
     type(frame_t), intent(in) :: frame
     type(body_t), intent(out) :: bodies(:)
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
     real(wp) :: option(1)
     integer :: i, used
 
+    alloc_status = 0
     used = 0
     do i = 1, size(columns)
       associate (body => bodies(i), n => frame%blocks(i)%dimension, width => abs(columns(i)))
-        body%inverse = reshape(next(n * width), [n, width])
-        body%root = reshape(next(n * width), [n, width])
-        option = next(1)
+        allocate (body%inverse(n, width), body%root(n, width), stat=alloc_status)
+        if (alloc_status /= 0) return
+        call take(n * width, body%inverse)
+        call take(n * width, body%root)
+        call take(1, option)
         body%commutes = option(1) < 2
-        if (option(1) > 0) body%gyroscopic = reshape(next(n**2), [n, n])
+        if (option(1) > 0) allocate (body%gyroscopic(n, n), stat=alloc_status)
+        if (alloc_status /= 0) return
+        if (option(1) > 0) call take(n**2, body%gyroscopic)
         body%turns = columns(i) < 0
-        if (body%turns) body%top = transfer(next(storage_size(body%top) / storage_size(option)), &
-                                            body%top)
+        if (.not. body%turns) cycle
+        body%top = transfer(constants(used + 1:), body%top)
+        used = used + storage_size(body%top) / storage_size(option)
       end associate
     end do
 
   contains
 
-    ! The next constants
-    function next(count)
+    ! Takes the next constants.
+    subroutine take(count, numbers)
       integer, intent(in) :: count
-      real(wp) :: next(count)
+      real(wp), intent(out) :: numbers(count)
 
-      next = constants(used + 1:used + count)
+      numbers = constants(used + 1:used + count)
       used = used + count
-    end function next
+    end subroutine take
 
   end subroutine make_bodies
 
@@ -192,12 +199,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     integer, intent(in) :: depth                       ! see evaluate_constraints
     type(constraints_t), intent(inout) :: c
-    integer, intent(out) :: status                     ! finished, raised or joints_not_solved
-    logical :: failed
+    integer, intent(out) :: status           ! finished, raised, out_of_memory, joints_not_solved
 
-    call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, failed)
-    if (.not. failed) call factor_constraints(frame%linkage, c)
-    status = merge(raised, merge(finished, joints_not_solved, c%known), failed)
+    call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, status)
+    if (status /= finished) return
+    call factor_constraints(frame%linkage, c)
+    if (.not. c%known) status = joints_not_solved
   end subroutine constraints_at
 
   ! Adds the forces of constraints: those for which their second derivatives vanish.

@@ -15,7 +15,8 @@ module joints_m
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_space, between_axes, coincident_axes, &
-                            constraints_operation, fixed_length, so3_block
+                            constraints_operation, finished, fixed_length, out_of_memory, &
+                            raised, so3_block
   use vectors_m, only: cross
   implicit none
   private
@@ -111,35 +112,36 @@ contains
   end subroutine make_linkage
 
   ! Evaluates the constraints at a point: g alone, or with derivatives, or with the bias too.
-  subroutine evaluate_constraints(linkage, blocks, bodies, y, depth, c, failed)
+  subroutine evaluate_constraints(linkage, blocks, bodies, y, depth, c, status)
     type(linkage_t), intent(in) :: linkage
     type(block_t), intent(in) :: blocks(:)
     type(body_t), intent(in) :: bodies(:)
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
     integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
     type(constraints_t), intent(inout) :: c
-    logical, intent(out) :: failed                     ! whether Python raised an exception
+    integer, intent(out) :: status                     ! finished, raised or out_of_memory
     type(pose_t) :: pose(0:ubound(linkage%places, 2))
     real(wp) :: omega(merge(linkage%forces, 0, depth == 2))
-    integer :: i
+    integer :: alloc_status, i
 
+    alloc_status = 0
     if (.not. allocated(c%g)) then
       associate (n => linkage%joint_rows + linkage%user_rows, m => linkage%forces)
-        allocate (c%g(n), c%bias(n), c%factor(linkage%start(n) + n))
-        allocate (c%scale(n), source=1.0_wp)
-        ! derivatives along fields of other bodies remain zero
-        allocate (c%min_scale(n), c%gradient(m, n), c%response(m, n), source=0.0_wp)
+        ! derivatives along fields of other bodies remain zero; g is the last that is allocated
+        allocate (c%bias(n), c%factor(linkage%start(n) + n), c%scale(n), c%min_scale(n), &
+                  c%gradient(m, n), c%response(m, n), c%g(n), source=0.0_wp, stat=alloc_status)
       end associate
     end if
     c%known = .false.
-    failed = .false.
+    status = merge(finished, out_of_memory, alloc_status == 0)
+    if (status /= finished) return
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
     do i = 0, ubound(pose, 1)
       call find_pose(blocks, linkage%places(1, i), linkage%places(2, i), y, omega, pose(i))
     end do
     call evaluate_joints(linkage, blocks, pose, depth, c)
-    if (linkage%user_rows > 0) call evaluate_user_rows(linkage, y, omega, depth, c, failed)
+    if (linkage%user_rows > 0) call evaluate_user_rows(linkage, y, omega, depth, c, status)
     if (depth == 0) return
     do i = 1, size(c%g)
       associate (v => linkage%v1(i), last => linkage%v2(i))
@@ -290,17 +292,19 @@ contains
   end function second_derivative
 
   ! Evaluates the rows of the user in Python; for depth see evaluate_constraints.
-  subroutine evaluate_user_rows(linkage, y, omega, depth, c, failed)
+  subroutine evaluate_user_rows(linkage, y, omega, depth, c, status)
     type(linkage_t), intent(in) :: linkage
     real(wp), contiguous, intent(in) :: y(:), omega(:)
     integer, intent(in) :: depth
     type(constraints_t), intent(inout) :: c
-    logical, intent(out) :: failed
+    integer, intent(inout) :: status                   ! raised if Python raises an exception
+    logical :: failed
     real(wp) :: answer(linkage%user_rows * (1 + min(depth, 1) * (2 + linkage%forces) + depth / 2))
 
     associate (n => linkage%user_rows, m => linkage%forces, before => linkage%joint_rows)
       call linkage%python%apply(constraints_operation, [real(depth, wp), omega], &
                                 y(:linkage%momenta_offset), answer, failed)
+      if (failed) status = raised
       c%g(before + 1:) = answer(:n)
       if (depth == 0) return
       c%scale(before + 1:) = answer(n + 1:2 * n)

@@ -18,7 +18,7 @@ module api_external_m
   use linear_action_m, only: products
   use minimum_norm_m, only: minimise_norm
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: coordinates_operation, flow_operation, residual_operation, &
+  use shared_numbers, only: coordinates_operation, finished, flow_operation, residual_operation, &
                             stopped_by_user
   use variational_m, only: variational_rhs
   use vectors_m, only: dgemm, dgetrf, dgetrs, dpotrf, dpotrs, dsyevd, dsyrk, nan, zgemm, zgetrf, &
@@ -119,21 +119,23 @@ contains
   end subroutine equal_steps
 
   ! The constraints at points (infinite if axes are exchanged), their rates, and sizes of terms
-  subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_of_speed) bind(c)
+  subroutine joints_errors(address, n, points, y, rows, g, speed, size_of_g, size_of_speed, &
+                           status) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points, rows
     real(wp), intent(in) :: y(n, points)
     real(wp), intent(inout), dimension(rows, points) :: g, speed, size_of_g, size_of_speed
+    integer, intent(inout) :: status(points)             ! finished, raised or out_of_memory
     type(plan_t), pointer :: plan
     type(constraints_t) :: c
-    logical :: failed
     integer :: i
 
     plan => plan_at(address)
     associate (frame => plan%frame)
       do i = 1, points
-        call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, failed)
-        if (failed) return
+        call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, &
+                                  status(i))
+        if (status(i) /= finished) return
         g(:, i) = c%g
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale
@@ -150,7 +152,7 @@ contains
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points
     real(wp), intent(inout) :: y(n, points)
-    integer, intent(inout) :: status(points)             ! finished, raised or joints_not_solved
+    integer, intent(inout) :: status(points)             ! see constraints_at
     type(plan_t), pointer :: plan
     integer :: i
 
@@ -166,7 +168,7 @@ contains
     integer, intent(in) :: n, points, m, rows
     real(wp), intent(in) :: y(n, points)
     real(wp), intent(inout) :: f(m, points), multipliers(rows, points)
-    integer, intent(inout) :: status(points)             ! finished, raised or joints_not_solved
+    integer, intent(inout) :: status(points)             ! see constraints_at
     type(plan_t), pointer :: plan
     integer :: i
 

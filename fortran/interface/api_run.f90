@@ -41,10 +41,12 @@ contains
   end subroutine plan_open
 
   ! Gives the frame of a plan inertia; see make_bodies.
-  subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangents) bind(c)
+  subroutine plan_set_bodies(address, bodies, columns, numbers, constants, tangents, &
+                             alloc_status) bind(c)
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: bodies, numbers, columns(bodies), tangents
     real(wp), intent(in) :: constants(numbers)
+    integer, intent(out) :: alloc_status           ! nonzero if there isn't enough memory
     type(plan_t), pointer :: plan
 
     plan => plan_at(address)
@@ -52,7 +54,7 @@ contains
     plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
     plan%frame%tangents = tangents
     allocate (plan%frame%bodies(bodies))
-    call make_bodies(columns, constants, plan%frame, plan%frame%bodies)
+    call make_bodies(columns, constants, plan%frame, plan%frame%bodies, alloc_status)
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
@@ -214,25 +216,27 @@ contains
   end subroutine run_state
 
   ! Evaluates stored interpolants at fractions of their steps.
-  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y) bind(c)
+  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y, &
+                              alloc_status) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context
     integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
     type(plan_t), pointer :: plan
     type(frame_t) :: frame                   ! with this call's context
     type(callback_t), target :: python
 
     plan => plan_at(address)
     if (context == 0) then
-      call evaluate_stored(plan%frame, plan%method%scheme, rows, which, theta, y)
+      call evaluate_stored(plan%frame, plan%method%scheme, rows, which, theta, y, alloc_status)
       return
     end if
     frame = plan%frame
     python%context = transfer(context, c_null_ptr)
     frame%callback => python
-    call evaluate_stored(frame, plan%method%scheme, rows, which, theta, y)
+    call evaluate_stored(frame, plan%method%scheme, rows, which, theta, y, alloc_status)
   end subroutine plan_interpolate
 
 end module api_run_m

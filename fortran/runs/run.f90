@@ -22,8 +22,9 @@ module run_m
   use requests_m, only: check_coefficients
   use shared_numbers, only: counters_t, event_columns, events_operation, finished, &
                             interpolant_columns, needs_events, needs_maximum, needs_rhs, &
-                            observer_failed, observer_record_t, out_of_memory, paused, raised, &
-                            raised_in_python, rhs_operation, state_columns, terminal_event
+                            observer_failed, observer_record_t, out_of_memory, paused, &
+                            polynomial_kind, raised, raised_in_python, rhs_operation, &
+                            state_columns, terminal_event
   use step_m, only: get_times, receive_answers, times_asked
   use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
                           reserve_trajectory, set_start, trajectory_t
@@ -74,11 +75,11 @@ contains
     integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
 
     call set_problem(plan, run)
-    if (run%record%body_numbers > 0) call set_bodies(run)
     call set_observer(run, run%record%observer, run%output%observer)
     call set_observer(run, run%record%step_function, run%step_function)
     call set_output(run)
     call set_lanes(run, alloc_status)
+    if (alloc_status == 0 .and. run%record%body_numbers > 0) call set_bodies(run, alloc_status)
   end subroutine open_run
 
   ! Takes the problem that all trajectories solve from the plan and the record.
@@ -122,7 +123,8 @@ contains
   subroutine set_lanes(run, alloc_status)
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
-    integer :: i, lanes, members
+    integer, parameter :: max_inner = 64, max_inner_numbers = 2**22
+    integer :: i, lanes, members, points     ! points: that one flow along a polynomial computes
     integer(int8) :: none(0)
 
     associate (record => run%record, n => run%frame%point_size)
@@ -135,6 +137,10 @@ contains
       run%counters(:) = counters_t(status=paused)
       allocate (run%busy(lanes), source=.false., stat=alloc_status)
       if (alloc_status == 0) allocate (run%lanes(lanes), stat=alloc_status)
+      points = merge(run%output%outputs, 0, run%method%kind == polynomial_kind)
+      points = min(points, max_inner, max(1, max_inner_numbers / n))
+      if (alloc_status == 0) allocate (run%inner%theta(points), run%inner%y(n, points), &
+                                       stat=alloc_status)
       if (alloc_status /= 0) return
       do i = 1, size(run%lanes)
         call reserve_trajectory(run%problem_t, run%lanes(i), alloc_status)
@@ -158,8 +164,9 @@ contains
   end subroutine set_inputs
 
   ! Makes the bodies of members with inertia of their own.
-  subroutine set_bodies(run)
+  subroutine set_bodies(run, alloc_status)
     type(run_t), intent(inout) :: run
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
     integer(c_int), pointer, contiguous :: columns(:, :)
     real(wp), pointer, contiguous :: numbers(:, :)
     integer :: bodies, i, members
@@ -169,9 +176,10 @@ contains
     call c_f_pointer(transfer(run%record%bodies, c_null_ptr), columns, [bodies, members])
     call c_f_pointer(transfer(run%record%body_constants, c_null_ptr), numbers, &
                      [int(run%record%body_numbers), members])
-    allocate (run%bodies(bodies, members))
+    allocate (run%bodies(bodies, members), stat=alloc_status)
     do i = 1, members
-      call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i))
+      if (alloc_status /= 0) return
+      call make_bodies(columns(:, i), numbers(:, i), run%frame, run%bodies(:, i), alloc_status)
     end do
   end subroutine set_bodies
 

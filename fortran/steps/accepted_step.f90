@@ -362,22 +362,15 @@ contains
   subroutine prepare_inner(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
-    integer, parameter :: max_count = 64, max_numbers = 2**22
     integer :: count
 
-    count = min(max_count, max(1, max_numbers / x%frame%point_size), &
-               output%outputs - x%outputs_done)
+    count = min(size(x%problem%inner%theta), output%outputs - x%outputs_done)
     x%inner_from = x%outputs_done
     associate (inner => x%problem%inner, &
                times => output%times(x%outputs_done + 1:x%outputs_done + count))
       inner%owner = x%member
-      if (.not. allocated(inner%theta)) &
-        allocate (inner%theta(max_count), inner%y(x%frame%point_size, 0), source=0.0_wp)
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
-      if (size(inner%y, 2) >= inner%count) return
-      deallocate (inner%y)
-      allocate (inner%y(x%frame%point_size, inner%count))
     end associate
   end subroutine prepare_inner
 

@@ -10,6 +10,7 @@ module output_m
   use method_m, only: scheme_t
   use shared_numbers, only: finished, interpolant_columns, interpolant_on_algebra, &
                             interpolant_size, out_of_memory, record_t
+  use vectors_m, only: add_columns
   implicit none
   private
   public :: evaluate_stored, output_t, store_interpolant, store_event, store_point, store_step
@@ -37,17 +38,12 @@ contains
     real(wp), allocatable, intent(inout) :: rows(:, :)
     integer(int64), intent(inout) :: used
     integer, parameter :: first_capacity = 64
-    real(wp), allocatable :: more(:, :)
     integer :: alloc_status
 
-    if (used == size(rows, 2, int64)) then
-      allocate (more(size(rows, 1), max(first_capacity, 2 * size(rows, 2))), stat=alloc_status)
-      if (alloc_status /= 0) output%status = out_of_memory
-      if (alloc_status /= 0) return
-      more(:, :used) = rows
-      call move_alloc(more, rows)
-    end if
-    used = used + 1
+    alloc_status = 0
+    if (used == size(rows, 2, int64)) call add_columns(rows, first_capacity, alloc_status)
+    if (alloc_status == 0) used = used + 1
+    if (alloc_status /= 0) output%status = out_of_memory
   end subroutine add_row
 
   ! Stores a point at an output time, and what is observed there.
@@ -112,17 +108,18 @@ contains
   end subroutine read_interpolant
 
   ! Evaluates stored interpolants, each at some fractions.
-  subroutine evaluate_stored(frame, scheme, rows, which, theta, y)
+  subroutine evaluate_stored(frame, scheme, rows, which, theta, y, alloc_status)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
     real(wp), intent(in) :: rows(:, :)       ! interpolants of output_t
     integer, intent(in) :: which(:)          ! rows, from 0
     real(wp), intent(in) :: theta(:)         ! fractions of their steps
-    real(wp), intent(inout) :: y(:, :)       ! points, left as they are if there isn't enough memory
+    real(wp), intent(inout) :: y(:, :)       ! points
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
     integer, parameter :: max_inner = 32     ! points that one flow along a polynomial computes
     type(interpolant_t) :: interpolant
     type(inner_points_t) :: inner
-    integer :: i, k, last, alloc_status
+    integer :: i, k, last
 
     call reserve_interpolant(frame, scheme, interpolant, alloc_status)
     if (alloc_status /= 0) return

@@ -29,7 +29,7 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, raised, &
+  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, &
                             registers_kind, splitting_kind, step_too_long
   use trajectory_m
   use vectors_m, only: copy
@@ -117,8 +117,7 @@ contains
     integer, parameter :: iterations = 50
     real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
     real(wp) :: change(size(lambda), iterations)       ! changes of lambda
-    logical :: failed
-    integer :: i
+    integer :: i, status
 
     call copy(size(y), y, start)
     last = huge(last)
@@ -131,12 +130,10 @@ contains
                                   y(linkage%momenta_offset + 1:linkage%momenta_end))
           call drift(x%frame, time, y)
           x%counts%nexp = x%counts%nexp + 1
-          call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, failed)
-          if (failed) exit
-          if (linkage%user_rows > 0) then
-            ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
-            ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
-          end if
+          call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, status)
+          if (status /= finished) exit
+          ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
+          ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
           if (is_closed(ahead, last)) exit
           if (.not. last < huge(last)) exit
           call solve_constraints(linkage, here, ahead%g)
@@ -148,8 +145,8 @@ contains
         if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
         impulse(:, 1) = lambda
       end associate
-      if (failed) then
-        call fail(x, raised, x%t)
+      if (status /= finished) then
+        call fail(x, status, x%t)
       else if (i > iterations .or. .not. last < huge(last)) then
         call fail(x, joints_not_solved, x%t)
       else

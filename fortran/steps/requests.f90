@@ -7,12 +7,12 @@ module requests_m
   use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
-  use shared_numbers, only: finished, needs_events, needs_maximum, needs_rhs, raised, &
-                            raised_in_python, rhs_not_finite, splitting_kind, stage_not_finite, &
-                            stopped_by_rhs
+  use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
+                            out_of_memory, raised, raised_in_python, rhs_not_finite, &
+                            splitting_kind, stage_not_finite, stopped_by_rhs
   use trajectory_m
   use inputs_m, only: evaluate_rhs
-  use vectors_m, only: copy, finite
+  use vectors_m, only: add_columns, copy, finite
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_accepted_step, &
@@ -86,8 +86,8 @@ contains
             (.not. splits .or. x%phase == phase_node_received)) then
           call add_constraint_forces(x%frame, y, splits, f, status)
           if (status /= finished) then
-            if (status == raised) call fail(x, raised, x%request%t)
-            if (status /= raised) call reject_stage(x, status, x%request%t)
+            if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
+            if (status /= joints_not_solved) call fail(x, status, x%request%t)
             return
           end if
         end if
@@ -206,7 +206,7 @@ contains
     real(wp), intent(in) :: theta
     real(wp), intent(inout) :: values(:)               ! (1) or (events)
     logical :: failed
-    integer :: i, k
+    integer :: alloc_status, i, k
 
     k = 0
     associate (query => x%query(:, :x%answered), &
@@ -222,8 +222,11 @@ contains
     associate (y => x%request%y, t => time_at(x, theta))     ! y is free: no request is pending
       call point_at(x, theta, y)
       if (x%problem%events%vectorized) then
-        if (x%queries == size(x%query, 2)) &          ! more capacity
-          x%query = reshape(x%query, [size(x%query, 1), 2 * x%queries + 1], pad=[0.0_wp])
+        if (x%queries == size(x%query, 2)) call add_columns(x%query, 1, alloc_status)
+        if (x%queries == size(x%query, 2)) then
+          call fail(x, out_of_memory, t)
+          return
+        end if
         x%queries = x%queries + 1
         x%query(:query_numbers + size(y), x%queries) = [real(event, wp), theta, t, y]
         x%status = needs_events

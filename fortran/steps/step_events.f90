@@ -196,7 +196,7 @@ contains
     do first = merge(1, 2, n == min_parts), 1, -1
       do k = first, n - 1, 2
         call evaluate_events(x, 0, theta(k), values(k, :))
-        if (x%status == raised) return
+        if (all(x%status /= [finished, needs_events])) return
       end do
       if (x%status == needs_events) return
     end do

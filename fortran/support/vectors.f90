@@ -5,7 +5,7 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, cross, finite
+  public :: add_columns, combine, copy, cross, finite
 
   ! ieee_value would save and restore the floating-point state, as ieee_is_finite would
   real(wp), parameter, public :: nan = transfer(int(z'7FF8000000000000', int64), 1.0_wp)
@@ -98,6 +98,19 @@ contains
 
     to = from
   end subroutine copy
+
+  ! Adds columns to an array, so that it grows in few steps; without memory for them it is the same.
+  subroutine add_columns(array, least, alloc_status)
+    real(wp), allocatable, intent(inout) :: array(:, :)
+    integer, intent(in) :: least             ! number of columns, at least
+    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
+    real(wp), allocatable :: more(:, :)
+
+    allocate (more(size(array, 1), max(least, 2 * size(array, 2))), stat=alloc_status)
+    if (alloc_status /= 0) return
+    more(:, :size(array, 2)) = array
+    call move_alloc(more, array)
+  end subroutine add_columns
 
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)

@@ -47,11 +47,11 @@ class Interpolants:
         theta = np.clip((t - self.rows[which, start]) / self.rows[which, size], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
-        if len(t) and plan.interpolant_vectors:
-            plan.core.plan_interpolate(
-                plan.address, 0 if callbacks is None else id(callbacks), which, theta,
-                self.rows.T, rows.T,
-            )  # fmt: skip
+        if plan.interpolant_vectors and len(t) and plan.core.plan_interpolate(
+            plan.address, 0 if callbacks is None else id(callbacks), which, theta,
+            self.rows.T, rows.T,
+        ):  # fmt: skip
+            raise MemoryError("there is not enough memory to evaluate the solution")
         return plan.points(rows, (len(t),))
 
 

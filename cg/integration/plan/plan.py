@@ -76,7 +76,8 @@ class Plan:
             return None
         if self.step_table.kind is Kind.SPLITTING or space is self.frame:
             tangents = self.dim // space.dim - 1
-            self.core.plan_set_bodies(self.address, *space.compiled_bodies(), tangents)
+            if self.core.plan_set_bodies(self.address, *space.compiled_bodies(), tangents):
+                raise MemoryError("there is not enough memory for the inertia of bodies")
         if not space.jointed:
             return None
         linkage = linkage_of(space)  # whose functions compiled code calls

@@ -157,6 +157,8 @@ class Run:
         rows += 2 * plan.interpolant_vectors if within else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * (rows * (plan.width + 2 * plan.dim) + solver_numbers)
+        if problem.inertia is not None:  # its copy, and a record of less than 1 KiB for each body
+            needed += problem.inertia.numbers.nbytes + (problem.inertia.signed_columns.size << 10)
         self._check_memory(needed)
         self.address = self._core.run_open(plan.address, ctypes.addressof(record))
         if not self.address:
