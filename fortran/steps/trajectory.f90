@@ -359,25 +359,25 @@ contains
     logical, intent(in) :: restores
     integer(int8), intent(inout) :: bytes(:) ! as many as are used, or none to count them
     integer(int64), intent(out) :: used
-    integer, parameter :: bits_of_real = storage_size(1.0_wp)
     integer :: status
 
     used = 0
     call move(c_loc(x%state_t), storage_size(x%state_t), 1)
     call move(c_loc(x%collocation%newton_state_t), storage_size(x%collocation%newton_state_t), 1)
-    call move(c_loc(x%events), storage_size(x%events), size(x%events))
-    call move(c_loc(x%y), bits_of_real, size(x%y, 1))
-    call move(c_loc(x%slope), bits_of_real, size(x%slope))
-    call move(c_loc(x%f), bits_of_real, size(x%f))
-    call move(c_loc(x%last_y), bits_of_real, size(x%last_y))
-    call move(c_loc(x%last_slope), bits_of_real, size(x%last_slope))
-    call move(c_loc(x%f_before), bits_of_real, size(x%f_before))
-    call move(c_loc(x%joints%impulse), bits_of_real, size(x%joints%impulse))
-    call move(c_loc(x%collocation%last), bits_of_real, size(x%collocation%last))
-    call move(c_loc(x%collocation%jacobian), bits_of_real, size(x%collocation%jacobian))
-    call move(c_loc(x%implicit%factored_h), bits_of_real, size(x%implicit%factored_h))
-    call move(c_loc(x%implicit%lu), bits_of_real, size(x%implicit%lu))
-    call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot), size(x%implicit%pivot))
+    if (size(x%events) > 0) call move(c_loc(x%events), storage_size(x%events), size(x%events))
+    call move_numbers(size(x%y, 1), x%y)
+    call move_numbers(size(x%slope), x%slope)
+    call move_numbers(size(x%f), x%f)
+    call move_numbers(size(x%last_y), x%last_y)
+    call move_numbers(size(x%last_slope), x%last_slope)
+    call move_numbers(size(x%f_before), x%f_before)
+    call move_numbers(size(x%joints%impulse), x%joints%impulse)
+    call move_numbers(size(x%collocation%last), x%collocation%last)
+    call move_numbers(size(x%collocation%jacobian), x%collocation%jacobian)
+    call move_numbers(size(x%implicit%factored_h), x%implicit%factored_h)
+    call move_numbers(size(x%implicit%lu), x%implicit%lu)
+    if (size(x%implicit%pivot) > 0) &
+      call move(c_loc(x%implicit%pivot), storage_size(x%implicit%pivot), size(x%implicit%pivot))
     if (.not. restores) return
     x%last%cut = .false.                     ! the interpolant isn't saved
     status = x%status
@@ -400,6 +400,14 @@ contains
       if (restores) part = bytes(used - count + 1:used)
       if (.not. restores) bytes(used - count + 1:used) = part
     end subroutine move
+
+    ! Copies numbers to the next bytes, or from there. An empty array has no address.
+    subroutine move_numbers(count, numbers)
+      integer, intent(in) :: count
+      real(wp), target, intent(inout) :: numbers(count)
+
+      if (count > 0) call move(c_loc(numbers), storage_size(numbers), count)
+    end subroutine move_numbers
   end subroutine exchange_state
 
   ! Evaluates the solution at a fraction theta of the step.
