@@ -131,14 +131,16 @@ contains
   subroutine evaluate_trees(self, x)
     class(weights_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)  ! (unknowns)
-    real(wp) :: change(self%pattern%points), total
+    real(wp), dimension(self%pattern%points) :: e, change
+    real(wp) :: total
     integer :: t, k, m
 
     self%x = x
     associate (pattern => self%pattern)
       call letters(pattern, x, self%chi(:, 1), self%letter(:, 1))
       do t = 2, self%stage_trees
-        call flow(self, t, 1, pattern%points, self%e(:, t), change)
+        call flow(self, t, 1, pattern%points, e, change)
+        self%e(:, t) = e
         do k = 1, pattern%segments
           total = self%chi(pattern%origin(k), t)
           do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1

@@ -77,17 +77,17 @@ contains
     call make_tangential(frame, y, f(frame%forces + 1:))
   end subroutine take_forces
 
-  ! Makes forces or momenta at a point tangential: on a sphere they have no component along it.
-  pure subroutine make_tangential(frame, y, vector)
+  ! Makes forces or momenta tangential: on a sphere they have no component along the point.
+  pure subroutine make_tangential(frame, configuration, vector)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: y(frame%point_size)
+    real(wp), intent(in) :: configuration(frame%momenta_offset)
     real(wp), intent(inout) :: vector(frame%forces)
     integer :: i
 
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i))
         if (block%kind == sphere_block) &
-          call remove_component(y(block%p1:block%p2), vector(block%v1:block%v2))
+          call remove_component(configuration(block%p1:block%p2), vector(block%v1:block%v2))
       end associate
     end do
   end subroutine make_tangential
@@ -119,10 +119,10 @@ contains
     real(wp), intent(inout) :: y(frame%point_size)
     integer :: j
 
-    associate (m => frame%forces, momentum => y(frame%momenta_offset + 1:))
+    associate (m => frame%forces, k => frame%momenta_offset)
       do j = 1, size(times)
-        momentum = momentum + impulse(m + 1:, j)
-        call make_tangential(frame, y, momentum)
+        y(k + 1:) = y(k + 1:) + impulse(m + 1:, j)
+        call make_tangential(frame, y(:k), y(k + 1:))
         if (times(j) /= 0) call drift(frame, times(j), y)
       end do
     end associate

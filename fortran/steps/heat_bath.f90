@@ -58,7 +58,7 @@ contains
         end associate
       end associate
     end do
-    call make_tangential(frame, y, y(k + 1:))
+    call make_tangential(frame, y(:k), y(k + 1:))
   end subroutine exchange_heat
 
 end module heat_bath_m

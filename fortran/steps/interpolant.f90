@@ -133,9 +133,8 @@ contains
     real(wp), contiguous, intent(out) :: v(:)
 
     call difference(frame, x, y, v)
-    if (.not. all(abs(v) <= huge(v)) .and. associated(frame%callback)) then
+    if (.not. all(abs(v) <= huge(v)) .and. associated(frame%callback)) &
       call frame%callback%apply(operation, x, y, v)
-    end if
   end subroutine difference_nearby
 
   ! Moves y to the point at a fraction of the step; with `inner`, one flow leads to others too.
@@ -149,7 +148,8 @@ contains
 
     begin = merge(1.0_wp, 0.0_wp, self%noisy .and. theta >= 0.5_wp)
     if (begin > 0) y = self%y1
-    associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)
+    associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v, &
+               k => self%frame%momenta_offset)
       call lagrange(self%scheme, n, begin, theta - begin, self%h, basis)
       do i = 1, last - 1
         call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), &
@@ -164,7 +164,7 @@ contains
       if (allocated(self%scheme%drift)) then
         call move_by_impulses(self%frame, v, (theta - begin) * self%h * self%scheme%drift, y)
         call apply_flows(self%frame, 1, v(:, last), y)
-        call make_tangential(self%frame, y, y(self%frame%momenta_offset + 1:))
+        call make_tangential(self%frame, y(:k), y(k + 1:))
       else if (present(inner)) then
         call move_polynomially(self%frame%blocks(1)%action, v, 0.0_wp, y, inner)
       else
