@@ -189,21 +189,20 @@ contains
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
     integer, intent(in) :: t, points                     ! t: the word
     real(wp), intent(inout), contiguous :: z(:, :)   ! (points, order), columns 1..children set
-    integer :: children, m, p, q, before, after, n, split
+    integer :: children, m, p, q, before, after, split
     real(wp) :: earlier(points)
 
-    n = points
     split = split_start(t)
     children = child_start(t + 1) - child_start(t)
     do m = 1, children
       z(:, m) = 0.0_wp
       do p = 0, m - 1
         before = head(split_start(tail(split + m - 1 - p)) + p)
-        earlier = left(1:n, head(split + m - 1 - p)) * e(1:n, before)
+        earlier = left(:points, head(split + m - 1 - p)) * e(:points, before)
         do q = 0, children - m
           after = head(split_start(tail(split + m)) + q)
-          z(:, m) = z(:, m) &
-            + beta(p, q) * earlier * e(1:n, after) * right(1:n, tail(split + m + q))
+          z(:, m) = z(:, m) + beta(p, q) * earlier * e(:points, after) &
+                              * right(:points, tail(split + m + q))
         end do
       end do
     end do

@@ -24,6 +24,7 @@ module blocks_m
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
   real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)
+  real(wp), parameter, public :: min_length = sqrt(tiny(1.0_wp))   ! whose square doesn't underflow
 
   ! The element of a Lie algebra with given coefficients, and the coefficients of the orthogonal
   ! projection of a matrix onto it: real matrices for SO(n), complex ones for SU(n) and U(n)

@@ -6,7 +6,7 @@
 ! Norms of errors of steps: root mean squares over the coefficients of the flow from one
 ! point to another or, on frames without such coefficients, over the entries of points.
 module coordinates_m
-  use blocks_m, only: as_complex, block_t
+  use blocks_m, only: as_complex, block_t, min_length
   use frames_m, only: frame_t
   use kinds, only: wp
   use linear_action_m, only: linear_tangent
@@ -25,7 +25,6 @@ module coordinates_m
             quaternion_quotient, quotient, remove_isotropy, tangent, tolerances_t
 
   real(wp), parameter :: pi = acos(-1.0_wp)
-  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))  ! whose square doesn't underflow
 
   ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
   real(wp), parameter :: opposite = 1.0e-4_wp
@@ -280,9 +279,8 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      if (frame%blocks(i)%kind == callback_block) then
+      if (frame%blocks(i)%kind == callback_block) &
         call frame%callback%apply(without_isotropy_operation, (v), y, v)
-      end if
       if (frame%blocks(i)%kind /= sphere_block) cycle
       associate (k => frame%blocks(i)%v1, p => frame%blocks(i)%p1)
         v(k:k + 2) = v(k:k + 2) - dot_product(v(k:k + 2), y(p:p + 2)) * y(p:p + 2)

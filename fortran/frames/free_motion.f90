@@ -1,7 +1,6 @@
 ! Mechanical systems: points are configurations and momenta, coefficients velocities and derivatives
 ! of momenta. Right-hand sides give the forces alone; free motion is added here, or moves points.
-!
-! With joints: the forces that keep them closed; points and momenta made to agree with them.
+! With joints, their forces are added, and points and momenta are made to agree with them.
 module free_motion_m
   use blocks_m, only: body_t, find_velocities
   use frames_m, only: apply_flows, frame_t

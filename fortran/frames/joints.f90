@@ -14,9 +14,8 @@ module joints_m
   use blocks_m, only: block_t, body_t, velocities
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
-  use shared_numbers, only: along_space, between_axes, coincident_axes, &
-                            constraints_operation, finished, fixed_length, out_of_memory, &
-                            raised, so3_block
+  use shared_numbers, only: along_space, between_axes, coincident_axes, constraints_operation, &
+                            finished, fixed_length, out_of_memory, raised, so3_block
   use vectors_m, only: cross
   implicit none
   private

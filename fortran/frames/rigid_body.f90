@@ -163,7 +163,7 @@ contains
     real(wp), intent(in) :: u
     type(motion_t), intent(inout) :: motion
     real(wp), intent(inout) :: integral
-    real(wp) :: half, sn, cn, dn
+    real(wp) :: half, sn, cn, dn, error
     integer(int64) :: i, pieces
 
     if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
@@ -182,10 +182,9 @@ contains
       call add(motion, sn, cn, dn)
       if (pieces == 1) exit
       ! near the separatrix errors of the squares would grow as exp(u)
-      associate (error => (1 - motion%sn**2 - motion%cn**2) / 2)
-        motion%sn = motion%sn + error * motion%sn
-        motion%cn = motion%cn + error * motion%cn
-      end associate
+      error = (1 - motion%sn**2 - motion%cn**2) / 2
+      motion%sn = motion%sn + error * motion%sn
+      motion%cn = motion%cn + error * motion%cn
       motion%dn = sqrt(motion%complement + motion%m * motion%cn**2)
     end do
   end subroutine follow_pieces

@@ -3,7 +3,7 @@
 ! v, half = |v| / 2: those of several flows are multiplied, and one rotation moves the point.
 module rotations_m
   use kinds, only: wp
-  use blocks_m, only: block_t
+  use blocks_m, only: block_t, min_length
   use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
@@ -11,7 +11,6 @@ module rotations_m
   public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_matrix, &
             rotate_vector, rotation_bound, set_quaternion, turn_point
 
-  real(wp), parameter :: min_length = sqrt(tiny(1.0_wp))     ! whose square doesn't underflow
   ! Taylor's coefficients of sin(x) / x and cos(x) for x**2, x**4, ..., enough up to max_square
   integer :: term
   real(wp), parameter :: sines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 2, wp)), term = 1, 8)]

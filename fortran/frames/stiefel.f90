@@ -56,7 +56,7 @@ contains
     real(wp), intent(in) :: bound                  ! the norm's, at most 1
     real(wp), intent(in) :: m(k, k)
     real(wp), intent(out) :: s(k, k), d(k, k)
-    real(wp) :: power(k, k), size_of_term
+    real(wp) :: power(k, k), factor, size_of_term
     integer :: i, j
 
     power = 0.0_wp
@@ -69,10 +69,9 @@ contains
     j = 0
     do while (size_of_term > epsilon(size_of_term) / 8)
       j = j + 1
-      associate (factor => 1 / real(2 * j * (2 * j + 1), wp))
-        power = factor * matmul(m, power)
-        size_of_term = size_of_term * bound * factor
-      end associate
+      factor = 1 / real(2 * j * (2 * j + 1), wp)
+      power = factor * matmul(m, power)
+      size_of_term = size_of_term * bound * factor
       s = s + power
       d = d + power / real(2 * j + 2, wp)
     end do

@@ -31,9 +31,8 @@ contains
     allocate (plan)
     call make_frame(description, constants, plan%frame)
     plan%frame%derivatives = derivatives
-    associate (kind => plan%frame%blocks%kind)
-      plan%frame%python_derivatives = any(kind == callback_block .or. kind == linear_action_block)
-    end associate
+    plan%frame%python_derivatives = any(plan%frame%blocks%kind == callback_block &
+                                        .or. plan%frame%blocks%kind == linear_action_block)
     address = transfer(c_loc(plan), address)
     if (method_address == 0) return
     call c_f_pointer(transfer(method_address, c_null_ptr), record)
@@ -83,9 +82,7 @@ contains
 
     plan => plan_at(address)
     other => plan_at(space)
-    if (.not. associated(plan%frame%bodies)) then
-      allocate (plan%frame%bodies, source=other%frame%bodies)
-    end if
+    if (.not. associated(plan%frame%bodies)) allocate (plan%frame%bodies, source=other%frame%bodies)
     plan%frame%linkage = other%frame%linkage
     plan%frame%jointed = .true.
   end subroutine plan_share_joints

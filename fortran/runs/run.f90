@@ -135,12 +135,11 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      allocate (run%busy(lanes), source=.false., stat=alloc_status)
-      if (alloc_status == 0) allocate (run%lanes(lanes), stat=alloc_status)
       points = merge(run%output%outputs, 0, run%method%kind == polynomial_kind)
       points = min(points, max_inner, max(1, max_inner_numbers / n))
-      if (alloc_status == 0) allocate (run%inner%theta(points), run%inner%y(n, points), &
-                                       stat=alloc_status)
+      allocate (run%busy(lanes), source=.false., stat=alloc_status)
+      if (alloc_status == 0) allocate (run%lanes(lanes), run%inner%theta(points), &
+                                       run%inner%y(n, points), stat=alloc_status)
       if (alloc_status /= 0) return
       do i = 1, size(run%lanes)
         call reserve_trajectory(run%problem_t, run%lanes(i), alloc_status)

@@ -68,15 +68,15 @@ contains
     real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
     real(wp) :: changes(columns, n)                    ! differences along directions, in Python
     real(wp), pointer, contiguous :: p(:, :)           ! (parameters, columns) of directions
-    logical :: along, given(2)                         ! given: whether df/dy and df/dp are
+    logical :: given(2)                                ! whether df/dy and df/dp are
 
     f = nan
     if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
-    associate (record => self%record, k => size(d, 1), first => n + size(d, 1) + 1)
+    associate (record => self%record, k => size(d, 1), first => n + size(d, 1) + 1, &
+               along => self%record%directions > 0)
       call call_f(self, y, f)
       record%failed_function = f_failed
       if (self%code /= 0 .or. .not. finite(n, f)) return
-      along = record%directions > 0
       given = [record%jac /= 0, record%df_dp /= 0]
       a = 0.0_wp
       d = 0.0_wp

@@ -294,9 +294,8 @@ contains
       call fail(x, raised, x%t)
       return
     end if
-    associate (jacobian => x%collocation%jacobian)
-      jacobian = reshape(answer(:size(jacobian)), shape(jacobian))
-    end associate
+    x%collocation%jacobian = reshape(answer(:size(x%collocation%jacobian)), &
+                                     shape(x%collocation%jacobian))
     if (x%problem%record%jacobian /= outside_jacobian) call add_derivative_of_dexpinv(x)
     call finish_jacobian(x)
   end subroutine request_jacobian

@@ -152,7 +152,7 @@ contains
   subroutine limit_change(x, rest)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: rest    ! the rest of e2
-    real(wp) :: change
+    real(wp) :: change, power
     integer :: i
 
     change = 0.0_wp
@@ -160,11 +160,10 @@ contains
       x%norms%displacement = x%f(:, i) - x%f(:, 1)
       change = max(change, abs(x%h) * turning(x%frame, x%norms%displacement, .true.))
     end do
-    associate (power => 1 / x%tolerances%exponent)
-      ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
-      x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
-      if (change > max_change) x%error = max(x%error, (change / max_change)**power)
-    end associate
+    power = 1 / x%tolerances%exponent
+    ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
+    x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
+    if (change > max_change) x%error = max(x%error, (change / max_change)**power)
   end subroutine limit_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power
@@ -200,7 +199,7 @@ contains
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
     real(wp), allocatable :: t(:), values(:, :)        ! (nodes of both), (dimension, nodes of both)
-    real(wp) :: sizes(size(v)), largest
+    real(wp) :: sizes(size(v)), largest, weight
     integer, allocatable :: kept(:)
     integer :: j, k
 
@@ -212,10 +211,9 @@ contains
     sizes = 0.0_wp
     largest = 0.0_wp
     do k = 1, size(t)
-      associate (weight => 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))]))
-        v = v + weight * values(:, k)
-        sizes = sizes + abs(weight * values(:, k))
-      end associate
+      weight = 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))])
+      v = v + weight * values(:, k)
+      sizes = sizes + abs(weight * values(:, k))
     end do
     do k = size(kept) + 1, size(t) - 1
       largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t)))

@@ -73,7 +73,7 @@ contains
   ! Stores the coefficients at a stage; the last one of a block leads on to a correction or column.
   subroutine receive_implicit(x)
     type(trajectory_t), intent(inout) :: x
-    integer :: block, flow, info
+    integer :: block, flow, info, row
 
     associate (solver => x%implicit, n => size(x%f, 1), method => x%method)
       block = merge(solver%first, 1, method%blocks > 1)
@@ -88,10 +88,9 @@ contains
       if (solver%column == 0) then
         solver%value(:, x%stage) = x%request%answer
       else
-        associate (row => (x%stage - solver%first) * n)
-          solver%lu(row + 1:row + n, solver%column, block) = &
-            (solver%value(:, x%stage) - x%request%answer) / solver%displacement
-        end associate
+        row = (x%stage - solver%first) * n
+        solver%lu(row + 1:row + n, solver%column, block) = &
+          (solver%value(:, x%stage) - x%request%answer) / solver%displacement
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage

@@ -302,13 +302,13 @@ contains
   subroutine next_node(self, theta)
     type(interpolant_t), intent(inout) :: self        ! self%y becomes the point
     real(wp), intent(out) :: theta
+    integer :: extra
 
     if (self%on_algebra) then
-      associate (extra => self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1)
-        theta = self%scheme%theta(extra)
-        self%weight(:self%known) = self%h * self%scheme%row(:self%known, extra)
-        call combine(self%frame%dimension, self%known, self%weight, self%next, self%u)
-      end associate
+      extra = self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1
+      theta = self%scheme%theta(extra)
+      self%weight(:self%known) = self%h * self%scheme%row(:self%known, extra)
+      call combine(self%frame%dimension, self%known, self%weight, self%next, self%u)
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
     else

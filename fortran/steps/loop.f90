@@ -19,7 +19,7 @@ module loop_m
   use step_m, only: receive_error, receive_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          max_step_by_turn, request_curvature
-  use requests_m, only: retry_step, shared_size
+  use requests_m, only: retry_step
   use trajectory_m
   use iso_fortran_env, only: int64
   use shared_numbers, only: finished, needs_events, needs_maximum, paused, polynomial_kind
@@ -60,7 +60,7 @@ contains
     case (phase_curvature_received)
       call choose_first_size(x)
     case (phase_size_shared)
-      x%control%step_size = shared_size(x)
+      x%control%step_size = -x%request%shared
       x%phase = phase_choose_step
     case (phase_choose_step)
       if (budget <= 0) then

@@ -35,7 +35,7 @@ module paths_m
   use vectors_m, only: copy
   implicit none
   private
-  public :: compute_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
+  public :: find_brackets, follow_paths, request_on_path, start_explicit, receive_explicit
 
 contains
 
@@ -76,19 +76,18 @@ contains
     if (x%frame%jointed) call find_constraints(x, y)
     if (x%status /= finished) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
+               time => parts(2) * (x%h * x%method%scheme%drift(x%method%path_first(path))), &
                momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
         momenta = momenta + (parts(1) * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
-      associate (time => parts(2) * (x%h * x%method%scheme%drift(flow)))
-        if (x%frame%jointed .and. time /= 0) then
-          call drift_closed(x, time, path, y)
-        else if (x%frame%jointed) then
-          call remove_opening(x%frame, x%joints%here, momenta)
-        else if (time /= 0) then
-          call drift(x%frame, time, y)
-        end if
-      end associate
+      if (x%frame%jointed .and. time /= 0) then
+        call drift_closed(x, time, path, y)
+      else if (x%frame%jointed) then
+        call remove_opening(x%frame, x%joints%here, momenta)
+      else if (time /= 0) then
+        call drift(x%frame, time, y)
+      end if
     end associate
   end subroutine move_part
 
@@ -121,30 +120,29 @@ contains
 
     call copy(size(y), y, start)
     last = huge(last)
-    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead)
-      associate (impulse => x%joints%impulse(:size(lambda), :, path))
-        lambda = 2 * impulse(:, 1) - impulse(:, 2)
-        do i = 1, iterations
-          if (i > 1) call copy(size(y), start, y)
-          call constraint_impulse(linkage, here%gradient, lambda, &
-                                  y(linkage%momenta_offset + 1:linkage%momenta_end))
-          call drift(x%frame, time, y)
-          x%counts%nexp = x%counts%nexp + 1
-          call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, status)
-          if (status /= finished) exit
-          ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
-          ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
-          if (is_closed(ahead, last)) exit
-          if (.not. last < huge(last)) exit
-          call solve_constraints(linkage, here, ahead%g)
-          change(:, i) = -ahead%g / time
-          call correct_change(i, change)
-          lambda = lambda + change(:, i)
-        end do
-        impulse(:, 2) = impulse(:, 1)
-        if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
-        impulse(:, 1) = lambda
-      end associate
+    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead, &
+               impulse => x%joints%impulse(:size(lambda), :, path))
+      lambda = 2 * impulse(:, 1) - impulse(:, 2)
+      do i = 1, iterations
+        if (i > 1) call copy(size(y), start, y)
+        call constraint_impulse(linkage, here%gradient, lambda, &
+                                y(linkage%momenta_offset + 1:linkage%momenta_end))
+        call drift(x%frame, time, y)
+        x%counts%nexp = x%counts%nexp + 1
+        call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, status)
+        if (status /= finished) exit
+        ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
+        ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
+        if (is_closed(ahead, last)) exit
+        if (.not. last < huge(last)) exit
+        call solve_constraints(linkage, here, ahead%g)
+        change(:, i) = -ahead%g / time
+        call correct_change(i, change)
+        lambda = lambda + change(:, i)
+      end do
+      impulse(:, 2) = impulse(:, 1)
+      if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
+      impulse(:, 1) = lambda
       if (status /= finished) then
         call fail(x, status, x%t)
       else if (i > iterations .or. .not. last < huge(last)) then
@@ -207,7 +205,7 @@ contains
   end subroutine follow_paths
 
   ! Computes the brackets of the fields at the stages, times the step size.
-  subroutine compute_brackets(x)
+  subroutine find_brackets(x)
     type(trajectory_t), intent(inout) :: x
     real(wp), dimension(x%frame%dimension) :: u, v
     integer :: j, k
@@ -221,7 +219,7 @@ contains
       end do
       call bracket(x%frame, u, v, x%f(:, size(x%method%c) + j))
     end do
-  end subroutine compute_brackets
+  end subroutine find_brackets
 
   ! Takes the coefficients at the start for those of the first stage.
   subroutine start_explicit(x)

@@ -16,8 +16,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_accepted_step, &
-            reject_stage, request, retry_step, share, share_error, share_size, &
-            shared_size, within_segment
+            reject_stage, request, retry_step, share, share_error, within_segment
 
 contains
 
@@ -161,24 +160,8 @@ contains
     if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
-  ! Goes to the phase `next` with a step size, of trajectories with common steps the smallest of
-  ! theirs, which `shared_size` is then. Runs know only maxima, and so they get the negative size.
-  subroutine share_size(x, step_size, next)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: step_size
-    integer, intent(in) :: next                        ! phase
-
-    call share(x, -step_size, next)
-  end subroutine share_size
-
-  ! The step size that share_size has found
-  pure real(wp) function shared_size(x)
-    type(trajectory_t), intent(in) :: x
-
-    shared_size = -x%request%shared
-  end function shared_size
-
   ! Goes to the phase `next` with a number, of trajectories with common steps the maximum of theirs.
+  ! Step sizes, of which the smallest counts, are shared with a negative sign.
   subroutine share(x, number, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: number

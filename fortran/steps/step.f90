@@ -7,8 +7,7 @@ module step_m
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use paths_m, only: compute_brackets, follow_paths, receive_explicit, request_on_path, &
-                     start_explicit
+  use paths_m, only: find_brackets, follow_paths, receive_explicit, request_on_path, start_explicit
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, receive_implicit
   use requests_m, only: request, share_error, within_segment
@@ -111,7 +110,7 @@ contains
     if (x%method%kind /= registers_kind) then
       last = x%method%result
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
-      if (size(x%method%bracket, 3) > 0) call compute_brackets(x)
+      if (size(x%method%bracket, 3) > 0) call find_brackets(x)
       call follow_paths(x, last)
       if (x%status /= finished) return
     end if

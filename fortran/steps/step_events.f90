@@ -371,7 +371,7 @@ contains
     real(wp), parameter :: passes = 1.05_wp, rests = 1.5_wp
     type(sample_t), allocatable :: near(:)   ! at points ever nearer to the start
     type(sample_t) :: point
-    real(wp) :: elapsed
+    real(wp) :: elapsed, power
     integer :: first, k, last
 
     associate (state => x%events(event), n => ubound(theta, 1), &
@@ -405,13 +405,12 @@ contains
         end if
         near = [near, point]
       end do
-      associate (power => power_of(elapsed, near, 1))
-        if (power < 0) return
-        if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
-          state%came_from = 0
-          return
-        end if
-      end associate
+      power = power_of(elapsed, near, 1)
+      if (power < 0) return
+      if (power < rests .or. x%problem%events%table(event)%jumps == 0) then
+        state%came_from = 0
+        return
+      end if
     end associate
     call fail(x, resting_contact, x%t, event)
   end subroutine find_after_event

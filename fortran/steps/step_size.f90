@@ -15,7 +15,7 @@ module step_size_m
   use free_motion_m, only: add_free_motion
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: max_step_at, make_grid
-  use requests_m, only: evaluate_at_start, request, share_size, shared_size
+  use requests_m, only: evaluate_at_start, request, share
   use trajectory_m
   use vectors_m, only: copy
   use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
@@ -74,8 +74,7 @@ contains
       call fail(x, slope_not_finite, x%t)
       return
     end if
-    call share_size(x, first_guess(x%control%norms(1), x%control%norms(2), span(x)), &
-                    phase_guess_shared)
+    call share(x, -first_guess(x%control%norms(1), x%control%norms(2), span(x)), phase_guess_shared)
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -83,7 +82,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (ahead => x%y(:, x%result))
-      x%control%guessed_size = limited(x, shared_size(x))
+      x%control%guessed_size = limited(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(ahead), x%y(:, 0), ahead)
       x%v(:, 1) = x%h * x%slope
@@ -108,7 +107,7 @@ contains
       first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
         x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
     end if
-    call share_size(x, first, phase_size_shared)
+    call share(x, -first, phase_size_shared)
   end subroutine choose_first_size
 
   ! The time to the end of the segment
