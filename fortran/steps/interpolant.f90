@@ -272,7 +272,7 @@ contains
       if (exists) exit
     end do
     self%next(:, 2) = self%u / self%h
-    self%u = self%h * self%next(:, 2)
+    self%u = self%h * self%next(:, 2)        ! with the rounding of what is evaluated
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the

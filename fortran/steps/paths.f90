@@ -6,8 +6,8 @@
 ! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
 ! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
 !
-! RATTLE: kicks and drifts of mechanical systems with joints. Impulses along the derivatives G of
-! constraints at the start of each drift close the joints at its end,
+! RATTLE (H. C. Andersen, J. Comput. Phys. 52 (1983)): kicks and drifts of mechanical systems with
+! joints. Impulses along the derivatives G of constraints before each drift close them at its end,
 !
 !   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
 !
