@@ -218,11 +218,14 @@ contains
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        if (m == 3) then                     ! a frequent size, which the compiler then knows
+        select case (m)                      ! frequent sizes, which the compiler then knows
+        case (3)
           call add_terms(3, terms, weight(k), flows%stage(k), f, v(1, j))
-        else
+        case (6)
+          call add_terms(6, terms, weight(k), flows%stage(k), f, v(1, j))
+        case default
           call add_terms(m, terms, weight(k), flows%stage(k), f, v(1, j))
-        end if
+        end select
       end associate
     end do
   end subroutine combine_flows

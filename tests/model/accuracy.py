@@ -257,8 +257,10 @@ def raise_if_unclear(case: Case) -> None:
     if path.jumps and any(0 < abs(t - p) < SAME * case.length for t in times for p in stops):
         raise Unclear("an event is nearly at a stop")
     slope = min((slope for slopes in path.slopes for slope in slopes), default=1.0)
-    copied = (path.jumps or path.terminated) and any(e.kind == "copy" for e in case.program.events)
-    if copied and any(16 * EPS * abs(t) * min(slope, 1.0) < COPY or t in stops for t in times):
+    # a copy of a copy is twice as far
+    apart = COPY * sum(event.kind == "copy" for event in case.program.events)
+    moved = (path.jumps or path.terminated) and apart
+    if moved and any(8 * np.spacing(abs(t)) * min(slope, 1.0) < apart or t in stops for t in times):
         raise Unclear("events are 1e-10 apart, more than the resolution of time, or at a stop")
     gap = 2 * bound / slope
     if path.jumps and any(SAME * case.length < b - a < gap for a, b in pairwise(times)):
