@@ -5,9 +5,9 @@ from cg.integration.ensemble import (
     solve_linear_ensemble,
     solve_variational_ensemble,
 )
+from cg.integration.errors import ConvergenceError, StepTooLongError
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
 from cg.integration.mechanics import Langevin
-from cg.integration.messages import ConvergenceError, StepTooLongError
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution, Solution
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction

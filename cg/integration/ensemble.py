@@ -21,9 +21,9 @@ from cg.integration.arguments import (
     equal_steps,
     expand_options,
 )
+from cg.integration.errors import TERMINAL_EVENT
 from cg.integration.mechanics import refuse_friction
 from cg.integration.member_results import Collector, MemberResults
-from cg.integration.messages import TERMINAL_EVENT
 from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
+from cg.integration.errors import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.output.solutions import (
     DenseOutput,
     EnsembleOutput,

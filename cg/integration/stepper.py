@@ -1,6 +1,6 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_corners``,
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``,
 those of inputs and breakpoints, and at the time up to which the stepper goes on. Points, the last
 steps and the events are in the run, which isn't copied: a copy opens another one of the same
 problem, and writes the saved state of the first into it.
@@ -31,9 +31,9 @@ from cg.integration.arguments import (
     is_many,
     read_starts,
 )
+from cg.integration.errors import TERMINAL_EVENT, failed_members
 from cg.integration.mechanics import refuse_friction
 from cg.integration.member_results import split_events
-from cg.integration.messages import TERMINAL_EVENT, failed_members
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
@@ -174,7 +174,7 @@ class Stepper:
         self._many = many
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = changed(problem, control=control, t_eval=None, every=0)
-        self._find_corners(problem.rhs.extra.inputs, start)
+        self._find_stops(problem.rhs.extra.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._calls = 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
@@ -385,7 +385,7 @@ class Stepper:
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
-            self._find_corners(run.rhs.extra.inputs, time)
+            self._find_stops(run.rhs.extra.inputs, time)
         goes_on = t is not None or y is not None
         self._begin(time, rows, first, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
@@ -433,7 +433,7 @@ class Stepper:
                 self._problem = changed(self._problem, limits=limits)
                 run.share_limits(limits)
 
-    def _find_corners(self, inputs: Inputs | None, t: float) -> None:
+    def _find_stops(self, inputs: Inputs | None, t: float) -> None:
         """Set the ends of segments from a time on, and the last time of a step without a limit.
 
         That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
@@ -447,7 +447,7 @@ class Stepper:
             end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
             stops = np.append(stops[sign * stops < sign * end], end)
             stops = inputs.add_stops(stops, t, control.tolerance)
-        self._corners, self._end = stops[:-1], end
+        self._stops, self._end = stops[:-1], end
 
     def _go_on(self, target: float) -> None:
         """Let all trajectories continue up to a time, by the ends of segments before it.
@@ -455,16 +455,16 @@ class Stepper:
         An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step. One at
         the target is repeated, so that the step up to it ends before it.
         """
-        run, corners, sign = self._run, self._corners, self.direction
+        run, stops, sign = self._run, self._stops, self.direction
         if (inputs := run.rhs.extra.inputs) is not None:
             inputs.check_span(self.t, target, "t")
         check_resolution(run.control.h, target)
-        stops = np.array([target])
-        if len(corners):
-            # the corner behind is an end too: a step that starts there sees f behind it
-            corners = corners[max(int((sign * (corners - self.t) < 0.0).sum()) - 1, 0) :]
-            stops = np.append(corners[sign * (corners - target) <= 0.0], target)
-        run.resume(stops)
+        ends = np.array([target])
+        if len(stops):
+            # the stop behind is an end too: a step that starts there sees f behind it
+            stops = stops[max(int((sign * (stops - self.t) < 0.0).sum()) - 1, 0) :]
+            ends = np.append(stops[sign * (stops - target) <= 0.0], target)
+        run.resume(ends)
         self._target = target
 
     def _drive(self, take: Callable[[], str | None], target: float) -> str | None:
@@ -542,10 +542,10 @@ class Stepper:
     def _interpolate(self) -> DenseOutput:
         """Return the solution within the last step."""
         run = self._run
-        # f is evaluated before a corner at the end of the step
-        at_corner, self._target = bool((self._corners == self.t).any()), None
+        # f is evaluated before a stop at the end of the step
+        at_stop, self._target = bool((self._stops == self.t).any()), None
         beyond = self.t + self.direction
-        run.resume(np.array([self.t, beyond] if at_corner else [beyond]))
+        run.resume(np.array([self.t, beyond] if at_stop else [beyond]))
         interpolants = run.last_interpolants()
         if run.record.failed:
             failure = next(iter(failures_of(run, raising=True).values()))

@@ -26,7 +26,7 @@ _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
-# zeros at an edge are found within a part of a step, and no step is longer than the span
+# zeros at a stop are found within a part of a step, and no step is longer than the span
 _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
@@ -44,7 +44,7 @@ class VariationalEvents(EventTable):
 
     where :math:`\dot J` are the coordinates of the derivative of J along the solution before, and
     :math:`f^+` the coefficients after it [1]_. Derivatives of g and J are central differences of
-    order four. Those by time are found between the neighbouring ``edges``: the ends of the span
+    order four. Those by time are found between the neighbouring ``stops``: the ends of the span
     and the times where inputs or the right-hand side may jump, in increasing order.
 
     References
@@ -53,10 +53,10 @@ class VariationalEvents(EventTable):
        for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
     """
 
-    def __init__(self, table: EventTable, equation: VariationalEquation, edges: Array) -> None:
+    def __init__(self, table: EventTable, equation: VariationalEquation, stops: Array) -> None:
         events, flags = table._arguments
         super().__init__(events, table.frame, **flags)
-        self.table, self.equation, self.edges = table, equation, edges
+        self.table, self.equation, self.stops = table, equation, stops
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_data
         self._callable = [
@@ -64,16 +64,16 @@ class VariationalEvents(EventTable):
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return VariationalEvents, (self.table, self.equation, self.edges)
+        return VariationalEvents, (self.table, self.equation, self.stops)
 
     def on_frame(self, frame: Frame) -> VariationalEvents:
         """Return the events on another frame of the same points without derivatives."""
         equation = replace(self.equation, frame=frame)
-        return VariationalEvents(self.table.on_frame(frame), equation, self.edges)
+        return VariationalEvents(self.table.on_frame(frame), equation, self.stops)
 
-    def between(self, edges: Array) -> VariationalEvents:
-        """Return the events between other edges."""
-        return VariationalEvents(self.table, self.equation, edges)
+    def between(self, stops: Array) -> VariationalEvents:
+        """Return the events between other stops."""
+        return VariationalEvents(self.table, self.equation, stops)
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
@@ -156,14 +156,14 @@ class VariationalEvents(EventTable):
         self, value: Callable[..., Array], t: float, y: Points, arguments: tuple[Any, ...],
         span: float,
     ) -> bool:  # fmt: skip
-        """Return whether a function has another sign behind an edge, at which the event stays.
+        """Return whether a function has another sign behind a stop, at which the event stays.
 
         This is the case where an input jumps. A difference far below ``span`` is rounding.
         """
-        edge = float(self.edges[np.abs(self.edges - t).argmin()])
-        if abs(edge - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.edges))):
+        stop = float(self.stops[np.abs(self.stops - t).argmin()])
+        if abs(stop - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.stops))):
             return False
-        sides = (math.nextafter(edge, side) for side in (-math.inf, math.inf))
+        sides = (math.nextafter(stop, side) for side in (-math.inf, math.inf))
         before, behind = (float(value(side, y, arguments)[0]) for side in sides)
         return before * behind < 0.0 and abs(before - behind) > _MIN_RATE * span
 
@@ -202,7 +202,7 @@ class VariationalEvents(EventTable):
         slope = self._coefficients(t, y, arguments)
         # the solution moves by the sizes of its coordinates in a unit of this time
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
-        unit = min(unit, float(np.ptp(self.edges)) or max(abs(t), 1.0))
+        unit = min(unit, float(np.ptp(self.stops)) or max(abs(t), 1.0))
 
         def values_along(v: Array, time: float = 0.0, steps: Array = _STEPS) -> Array:
             places = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
@@ -231,7 +231,7 @@ class VariationalEvents(EventTable):
         behind, before = self._room(t, arguments)
         if min(behind, before) >= 2e-3 * max(behind, before):
             unit = min(unit, min(behind, before) / (2.02 * _STEP))
-        else:  # near an edge
+        else:  # near a stop
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
             unit = min(unit, max(behind, before) / (4.04 * _STEP))
             unit = unit if before > behind else -unit
@@ -239,10 +239,10 @@ class VariationalEvents(EventTable):
         return unit, steps, weights
 
     def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
-        """Return the times to the neighbouring edges, or to the ends of the inputs."""
-        edges = self.edges
-        behind = t - float(edges[edges < t].max(initial=-math.inf))
-        before = float(edges[edges > t].min(initial=math.inf)) - t
+        """Return the times to the neighbouring stops, or to the ends of the inputs."""
+        stops = self.stops
+        behind = t - float(stops[stops < t].max(initial=-math.inf))
+        before = float(stops[stops > t].min(initial=math.inf)) - t
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
             return behind, before

@@ -89,8 +89,8 @@ class Derivatives:
                 frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
                 tables = [table.on_frame(frame) for frame in frames]
             if problem.member_inputs:
-                edges = (_edges(problem.part(slice(k, k + 1))) for k in range(len(tables)))
-                tables = [each.between(own) for each, own in zip(tables, edges, strict=True)]
+                stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
+                tables = [each.between(own) for each, own in zip(tables, stops, strict=True)]
             assert solution.t_events is not None
             assert solution.y_events is not None
             fields["dt_events"] = [
@@ -153,15 +153,15 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         rhs=variational_rhs,
         points=equation.start(problem.points),
         control=control,
-        events=None if events is None else VariationalEvents(events, equation, _edges(problem)),
+        events=None if events is None else VariationalEvents(events, equation, _stops(problem)),
         finish=partial(Derivatives(equation, covariance).finish, problem),
     )
 
 
-def _edges(problem: Problem) -> Array:
+def _stops(problem: Problem) -> Array:
     """Return the ends of the span and where inputs or the right-hand side may jump, in order."""
-    edges = np.append(problem.t0, problem.stops)
-    return np.unique(edges[np.isfinite(edges)])
+    stops = np.append(problem.t0, problem.stops)
+    return np.unique(stops[np.isfinite(stops)])
 
 
 def _check_problem(problem: Problem, options: Options) -> None:

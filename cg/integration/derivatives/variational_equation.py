@@ -15,7 +15,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.facts import facts_of
 from cg.frames.product import Product
 from cg.integration.derivatives.noise import Noise
-from cg.integration.messages import DERIVATIVES
+from cg.integration.errors import DERIVATIVES
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, address, data_at

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.integration.messages import FINISHED
+from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, real_array, texts_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import STAGE_SOLVERS
-from cg.integration.messages import DERIVATIVES, ConvergenceError, StepTooLongError
+from cg.integration.errors import DERIVATIVES, ConvergenceError, StepTooLongError
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run

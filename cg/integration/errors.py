@@ -1,4 +1,4 @@
-"""Messages and exceptions of integrations that end early."""
+"""Exceptions and messages of integrations that end early."""
 
 from __future__ import annotations
 
