@@ -410,7 +410,7 @@ contains
           call receive_answers(lane, m, asked(i), answer)
         end if
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
-        if (lane%status == needs_rhs) call check_coefficients(lane)
+        if (lane%status == needs_rhs) call check_coefficients(lane, lane%request%y)
       end associate
       k = k + asked(i)
     end do

@@ -38,13 +38,12 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`. A compiled function gets the point
-  ! itself, since loads from a copy that was just written would stall. x%request%y keeps the
-  ! entries, which are restored if the function has overwritten them.
+  ! Requests the coefficients at a point, for the phase `next`. A compiled function gets the copy
+  ! of the point, which it may overwrite.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
-    real(wp), intent(inout) :: y(x%frame%point_size)
+    real(wp), intent(in) :: y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
 
     x%request%t = t
@@ -56,26 +55,26 @@ contains
     if (x%problem%record%vectorized) return
     x%problem%rhs%member = x%member
     if (x%frame%derivatives) then
-      call evaluate_rhs(x%problem%rhs, size(y), size(y), x%request%t, y, x%request%slope, &
-                        x%request%detail)
+      call evaluate_rhs(x%problem%rhs, size(y), size(y), x%request%t, x%request%y, &
+                        x%request%slope, x%request%detail)
     else
-      call evaluate_rhs(x%problem%rhs, size(y), x%frame%dimension, x%request%t, y, &
+      call evaluate_rhs(x%problem%rhs, size(y), x%frame%dimension, x%request%t, x%request%y, &
                         x%request%answer, x%request%detail)
     end if
-    call copy(size(y), x%request%y, y)                 ! functions in C may overwrite their points
     if (x%frame%derivatives) &
       call coefficients_of(x%frame, x%request%t, y, x%request%slope, x%request%answer)
-    call check_coefficients(x)
+    call check_coefficients(x, y)
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others reject the
   ! step. Answers of mechanical systems are forces; splitting methods take them alone.
-  subroutine check_coefficients(x)
+  subroutine check_coefficients(x, y)
     type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: y(x%frame%point_size)
     logical :: splits
     integer :: status
 
-    associate (y => x%request%y, f => x%request%answer, code => x%request%detail)
+    associate (f => x%request%answer, code => x%request%detail)
       if (code == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
         call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
