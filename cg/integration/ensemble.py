@@ -47,13 +47,9 @@ _DERIVATIVE_OPTIONS = (
 
 @expand_options()
 def solve_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[EnsembleOptions],
-) -> EnsembleSolution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
+) -> EnsembleSolution:  # fmt: skip
     """Solve an initial value problem from many points, or with many sets of parameters.
 
     Each member takes the steps that it would take alone in `cg.solve_ivp`, to the bit.
@@ -145,13 +141,9 @@ def solve_ensemble(
 
 @expand_options(linear=True)
 def solve_linear_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[EnsembleOptions],
-) -> EnsembleSolution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
+) -> EnsembleSolution:  # fmt: skip
     """Solve a linear equation from many points: `cg.solve_ensemble` with ``linear=True``.
 
     Members with their own generators are members with coefficients of their own along the
@@ -186,13 +178,9 @@ def solve_linear_ensemble(
 
 @expand_options(derivatives="forward")
 def solve_variational_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[EnsembleOptions],
-) -> EnsembleSolution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
+) -> EnsembleSolution:  # fmt: skip
     """Solve from many points with derivatives: `cg.solve_ensemble` with ``derivatives="forward"``.
 
     Parameters

@@ -22,13 +22,9 @@ from cg.integration.run.drive import Progress
 
 @expand_options()
 def solve_ivp(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[Options],
-) -> Solution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
+) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     Steps are chosen by an error estimate if ``method`` is a pair, or are all of size ``h`` if
@@ -253,13 +249,9 @@ def solve_ivp(
 
 @expand_options(linear=True)
 def solve_linear(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[Options],
-) -> Solution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
+) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t) E_i(y)`, :math:`y(t_0) = y_0`: `cg.solve_ivp`, linear.
 
     The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
@@ -294,13 +286,9 @@ def solve_linear(
 
 @expand_options(derivatives="forward")
 def solve_variational(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    **options: Unpack[Options],
-) -> Solution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
+) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
 
     A derivative of the solution is a tangent :math:`\sum_i \xi_i E_i(y)`, and its coordinates
@@ -359,14 +347,9 @@ def solve_variational(
 
 @expand_options()
 def integrate(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-    t_span: Sequence[float],
-    y0: ArrayLike,
-    *,
-    frame: Frame,
-    save_every: int = 1,
-    **options: Unpack[Options],
-) -> Solution:
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    y0: ArrayLike, *, frame: Frame, save_every: int = 1, **options: Unpack[Options],
+) -> Solution:  # fmt: skip
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
 
     A step of an explicit method follows its points: with :math:`F_k` the vector field whose

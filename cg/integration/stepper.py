@@ -135,16 +135,10 @@ class Stepper:
 
     @expand_options()
     def __init__(
-        self,
-        f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
-        t0: float,
-        y0: ArrayLike,
-        t_bound: float = math.inf,
-        *,
-        frame: Frame,
-        common_steps: bool = False,
+        self, f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t0: float,
+        y0: ArrayLike, t_bound: float = math.inf, *, frame: Frame, common_steps: bool = False,
         **options: Unpack[StepOptions],
-    ) -> None:
+    ) -> None:  # fmt: skip
         all_options = complete_options(Stepper.__init__, options)
         start = check_real_time("t0", t0, infinite=False)
         self.t_bound = bound = check_real_time("t_bound", t_bound)
@@ -334,15 +328,10 @@ class Stepper:
         return time
 
     def restart(
-        self,
-        *,
-        t: float | None = None,
-        y: ArrayLike | None = None,
-        args: Iterable[Any] | None = None,
-        parameters: ArrayLike | None = None,
-        first_step: float | None = None,
-        inputs: Samples | tuple[Samples, ...] | None = None,
-    ) -> None:
+        self, *, t: float | None = None, y: ArrayLike | None = None,
+        args: Iterable[Any] | None = None, parameters: ArrayLike | None = None,
+        first_step: float | None = None, inputs: Samples | tuple[Samples, ...] | None = None,
+    ) -> None:  # fmt: skip
         """Continue from another time or point, or with other arguments of ``f``.
 
         Arguments that are None stay as they are, and so do the counts, except that terminal events

@@ -112,14 +112,9 @@ def residuals(
     embedded: bool = ..., arithmetic: Literal["exact", "balls"],
 ) -> tuple[Any, ...]: ...  # fmt: skip
 def residuals(
-    a: Any,
-    b: Any = None,
-    order: int | None = None,
-    independent: bool = False,
-    *,
-    embedded: bool = False,
-    arithmetic: str = "double",
-) -> Any:
+    a: Any, b: Any = None, order: int | None = None, independent: bool = False, *,
+    embedded: bool = False, arithmetic: str = "double",
+) -> Any:  # fmt: skip
     """Return ``Φ(t) - 1/γ(t)`` for all conditions through an order.
 
     ``residuals(method, order)`` are those of a method, ``residuals(a, b, order)`` those of

@@ -24,13 +24,9 @@ FORMATS = {"json": ".json", "toml": ".toml", "latex": ".tex", "python": ".py", "
 
 
 def export(
-    method: str | Method,
-    format: str,
-    *,
-    digits: int | None = None,
-    certificate: Certificate | None = None,
-    frame: Frame | None = None,
-) -> str:
+    method: str | Method, format: str, *, digits: int | None = None,
+    certificate: Certificate | None = None, frame: Frame | None = None,
+) -> str:  # fmt: skip
     """Return a method as the text of a file: data, a LaTeX table, or code for one step.
 
     ``"json"`` and ``"toml"`` are data files, which `catalogue.loads` reads. ``"latex"`` is a

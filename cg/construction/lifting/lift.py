@@ -123,17 +123,10 @@ class Lifted:
 
 
 def lift(
-    tableau: Tableau,
-    order: int | None = None,
-    *,
-    flows: int | None = None,
-    chains: Sequence[int] | None = None,
-    seed: int = 0,
-    tries: int = 100,
-    hits: int = 1,
-    reduce: bool = True,
-    improve: bool = False,
-) -> Lifted:
+    tableau: Tableau, order: int | None = None, *, flows: int | None = None,
+    chains: Sequence[int] | None = None, seed: int = 0, tries: int = 100, hits: int = 1,
+    reduce: bool = True, improve: bool = False,
+) -> Lifted:  # fmt: skip
     """Make a commutator-free method of a flat one.
 
     Where flows commute, the method is the flat one: along the path to every stage and to the

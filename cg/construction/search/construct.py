@@ -110,31 +110,16 @@ class Construction:
 
 @single_threads()
 def construct(
-    order: int,
-    stages: int,
-    seed: int = 0,
-    *,
-    tries: int = 400,
-    max_coefficient: float = 3.0,
-    restarts: int = 1,
-    structure: Structure | None = None,
-    first_stages: int | None = None,
-    width: float | None = None,
-    iterations: int | None = None,
-    workers: int | None = None,
-    executor: ExecutorLike = None,
-    store: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | bool | None = None,
-    force: bool = False,
-    tree: Any = None,
-    flows: int | None = None,
-    first_flows: int | None = None,
-    embedded: bool = False,
-    first_same_as_last: bool = False,
-    abscissae: Sequence[float] | None = None,
-    minimise: str | None = None,
+    order: int, stages: int, seed: int = 0, *, tries: int = 400, max_coefficient: float = 3.0,
+    restarts: int = 1, structure: Structure | None = None, first_stages: int | None = None,
+    width: float | None = None, iterations: int | None = None, workers: int | None = None,
+    executor: ExecutorLike = None, store: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None, force: bool = False,
+    tree: Any = None, flows: int | None = None, first_flows: int | None = None,
+    embedded: bool = False, first_same_as_last: bool = False,
+    abscissae: Sequence[float] | None = None, minimise: str | None = None,
     hold: Mapping[str, Any] | None = None,
-) -> Construction:
+) -> Construction:  # fmt: skip
     """Construct an exact explicit method from random starts.
 
     Each try solves the order conditions from a random guess with enough stages, then eliminates

@@ -102,33 +102,17 @@ class SearchResult:
 
 
 def search(
-    order: int,
-    stages: int,
-    starts: int = 100,
-    seed: int = 0,
-    *,
-    algorithm: str = "minimum-norm",
-    rows: Rows | str = Rows.EXPLICIT,
-    width: float | None = None,
-    maxfev: int | None = None,
-    refine_below: float = 1e-15,
-    refine_maxfev: int | None = None,
-    workers: int | None = None,
-    executor: ExecutorLike = None,
-    store: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | bool | None = None,
-    force: bool = False,
-    tree: Any = None,
-    flows: int | None = None,
-    registers: bool = False,
-    embedded: bool = False,
-    first_same_as_last: bool = False,
-    abscissae: Sequence[float] | None = None,
+    order: int, stages: int, starts: int = 100, seed: int = 0, *, algorithm: str = "minimum-norm",
+    rows: Rows | str = Rows.EXPLICIT, width: float | None = None, maxfev: int | None = None,
+    refine_below: float = 1e-15, refine_maxfev: int | None = None, workers: int | None = None,
+    executor: ExecutorLike = None, store: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None, force: bool = False,
+    tree: Any = None, flows: int | None = None, registers: bool = False, embedded: bool = False,
+    first_same_as_last: bool = False, abscissae: Sequence[float] | None = None,
     bound: float | Mapping[str, Sequence[float | None]] | None = None,
-    nonnegative: str | Sequence[str] = (),
-    minimise: str | None = None,
+    nonnegative: str | Sequence[str] = (), minimise: str | None = None,
     hold: Mapping[str, Any] | None = None,
-) -> SearchResult:
+) -> SearchResult:  # fmt: skip
     """Search for methods of an order from random starts.
 
     The methods are tableaux of Crouch–Grossman type; with `tree` or `flows` they are

@@ -76,17 +76,10 @@ class LmdifResult(ReadOnly):
 
 
 def lmdif(
-    f: Residual,
-    x0: ArrayLike,
-    *,
-    ftol: float = math.sqrt(_EPS),
-    xtol: float = math.sqrt(_EPS),
-    gtol: float = 0.0,
-    maxfev: int | None = None,
-    epsfcn: float = _EPS,
-    factor: float = 100.0,
+    f: Residual, x0: ArrayLike, *, ftol: float = math.sqrt(_EPS), xtol: float = math.sqrt(_EPS),
+    gtol: float = 0.0, maxfev: int | None = None, epsfcn: float = _EPS, factor: float = 100.0,
     diag: ArrayLike | None = None,
-) -> LmdifResult:
+) -> LmdifResult:  # fmt: skip
     """Minimise the sum of squares of ``f`` by the Levenberg–Marquardt algorithm.
 
     The Jacobian is estimated by forward differences. The algorithm, its tests of convergence

@@ -221,15 +221,9 @@ class Samples(ReadOnly):
     """
 
     def __init__(
-        self,
-        times: ArrayLike,
-        values: ArrayLike,
-        kind: str = "hold",
-        *,
-        end: float | None = None,
-        causal: bool = False,
-        members: bool = False,
-    ) -> None:
+        self, times: ArrayLike, values: ArrayLike, kind: str = "hold", *, end: float | None = None,
+        causal: bool = False, members: bool = False,
+    ) -> None:  # fmt: skip
         check_choice("kind", kind, _MIN_COUNT)
         self.kind = kind
         self.causal = check_flag("causal", causal)

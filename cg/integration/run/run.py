@@ -104,27 +104,21 @@ class Run:
         record.first_member, record.common = problem.first_member, problem.common_steps
         record.keep_last, record.goes_on = keep_last, keep_last and not problem.ensemble
         record.t0, record.segments = problem.t0, len(problem.stops)
-        # functions
         record.function, record.data, record.data_stride = self.rhs.addresses()
         record.of_time, record.vectorized = problem.linear, self.rhs.vectorized
         record.context = id(self.callbacks)
         if events is not None:
             record.event_functions, record.event_width = self._functions, events.width
-        # steps
-        in_coordinates = control.h is not None or problem.in_coordinates
-        record.in_coordinates = in_coordinates
+        in_coordinates = record.in_coordinates = control.h is not None or problem.in_coordinates
         record.reals_per_entry = 1 if in_coordinates else plan.reals_per_entry
         record.rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
         record.h, record.first_step = control.h or 0.0, control.first_step or 0.0
         record.max_step, record.max_steps = control.max_step, control.max_steps
-        record.exponent = plan.step_table.exponent
-        if problem.thermostat is not None:
-            record.heated = True
-            for name, number in vars(problem.thermostat).items():
-                setattr(record, name, number)
-        # output
-        record.every, record.keeps_points = problem.every, problem.keeps_points
-        record.dense = problem.dense_output
+        record.every, record.exponent = problem.every, plan.step_table.exponent
+        record.keeps_points, record.dense = problem.keeps_points, problem.dense_output
+        bath = problem.thermostat
+        for name, number in ({} if bath is None else {"heated": True, **vars(bath)}).items():
+            setattr(record, name, number)
         return record
 
     def _jacobian_kind(self) -> JacobianKind:
@@ -175,22 +169,13 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._states = self._share("states", np.empty((members, width + len(STATE))))
+        states = self._share("states", np.empty((members, width + len(STATE))))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
-        self.reached = states[:, width]
-        self.counters, self.counts, self.status = rows, rows[:, 2:], rows[:, 0]
+        self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
+        self.counters, self.counts = rows, rows[:, 2:]
+        self.status, self.detail = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
-
-    def _state(self, name: str) -> Array:
-        column: Array = self._states[:, self.plan.width + STATE.index(name)]
-        return column
-
-    # views of what is seldom asked for
-    failed_at = property(lambda self: self._state("failed_at"))
-    last_start = property(lambda self: self._state("last_start"))
-    next_step = property(lambda self: self._state("next_step"))
-    detail = property(lambda self: self.counters[:, 1])
 
     def _share(self, name: str, array: Any) -> Any:
         """Put the address of an array into the record, and keep the array alive."""
