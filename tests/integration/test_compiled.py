@@ -153,7 +153,7 @@ def test_functions_that_read_numbers_need_them(kind, compiled_library):
     refuses(ValueError, message, cg.solve_ensemble, f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
     options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
     solution = integrate(f, (0, 1), [1.0], **options)
-    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-4)
 
 
 def test_functions_that_read_numbers_may_have_user_data(compiled_library):
@@ -162,7 +162,7 @@ def test_functions_that_read_numbers_may_have_user_data(compiled_library):
         requires_data(compiled_library)["pointer"], ctypes.c_void_p(data.ctypes.data)
     )
     solution = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
-    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-4)
 
 
 def test_other_signatures_are_refused(compiled_library):

@@ -70,12 +70,13 @@ LARGE = {
     "cg.search(8, 1000, 1, 1, workers=1)": "1000 stages",
     "cg.search(8, 1000, 1, 1, workers=2)": "1000 stages",
     "cg.search(6, 600, 1, 1, algorithm='lmdif', workers=1)": "600 stages",
+    "cg.solve_ivp(np.negative, (0, 1), np.ones(3 * 10**7), frame=cg.frames.Euclidean(3 * 10**7))": "1 trajectories of 30000000 numbers",
 }
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 @pytest.mark.parametrize("case", LARGE)
-def test_large_methods_are_refused_below_a_limit_of_4_gib(case):
+def test_what_is_large_is_refused_below_a_limit_of_4_gib(case):
     message = _run(f"print(outcome({case!r}, 4 << 30))")[0]
     assert message.startswith("MemoryError: ")
     assert LARGE[case] in message
