@@ -358,7 +358,7 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
     """
     if not options.keys() <= function.options.keys():
         caller = function.__qualname__.removesuffix(".__init__")
-        wrong = next(iter(options.keys() - function.options.keys()))
+        wrong = next(name for name in options if name not in function.options)
         names = [*function.__kwdefaults__, *function.options]
         hint = _HINTS.get(wrong) or similar_names(wrong, names)
         hint = hint or f"; the options are {', '.join(names)}"

@@ -76,7 +76,6 @@ contains
 
     call set_problem(plan, run)
     call set_observer(run, run%record%observer, run%output%observer)
-    call set_observer(run, run%record%step_function, run%step_function)
     call set_output(run)
     call set_lanes(run, alloc_status)
     if (alloc_status == 0 .and. run%record%body_numbers > 0) call set_bodies(run, alloc_status)
@@ -150,7 +149,7 @@ contains
     end associate
   end subroutine set_lanes
 
-  ! Sets the inputs of functions, and the limits of steps due to them, from the record.
+  ! Sets the inputs of functions, the limits of steps due to them, and the function of step sizes.
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
 
@@ -160,6 +159,7 @@ contains
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
                                                 run%rhs%data%inputs, [run%record%curves])
     run%events%data = run%rhs%data
+    call set_observer(run, run%record%step_function, run%step_function)
   end subroutine set_inputs
 
   ! Makes the bodies of members with inertia of their own.

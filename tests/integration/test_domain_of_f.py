@@ -134,3 +134,35 @@ def test_between_common_steps(method, sign, vectorized):
             assert not solution.messages
             last = np.sin(12.0 * sign) / 3.0
             np.testing.assert_allclose(solution.y[-1, :, 0], last, rtol=5e-7)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.5])
+def test_messages_are_the_same_with_derivatives(begin):
+    def f(t, y):
+        return [np.nan if t >= begin else 1.0]
+
+    def outcome(**options):
+        try:
+            return cg.solve_ivp(f, (0, 1), [0.0], h=0.25, method="CF5(4)", **LINE, **options)
+        except ValueError as error:
+            return str(error)
+
+    plain, derived = outcome(), outcome(derivatives="forward")
+    if begin == 0.0:
+        assert derived == "f must return finite numbers at t = 0"
+        assert plain == "f must return finite numbers, got array([nan]) at t = 0"
+    else:
+        assert derived.message == plain.message
+    adaptive = cg.solve_ivp(f, (0, 1), [0.0], derivatives="forward", **LINE) if begin else None
+    assert adaptive is None or "f must return finite numbers next to" in adaptive.message
+
+
+def test_each_member_names_what_failed():
+    with pytest.warns(UserWarning, match="Failure of 2 of 2"):
+        solution = cg.solve_ensemble(
+            lambda t, y, p: [np.nan if t >= 0.5 and p[0] == 0.0 else 0.0], (0, 1), [0.0],
+            parameters=[[0.0], [3000.0]], derivatives="forward", h=0.25, method="CF5(4)",
+            jac=lambda t, y, p: [[p[0]]], df_dp=lambda t, y, p: [[1e300]], **LINE,
+        )  # fmt: skip
+    assert solution.messages[0].startswith("f must return finite numbers")
+    assert solution.messages[1].startswith("derivatives of the solution exceed the range")

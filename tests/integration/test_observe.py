@@ -148,3 +148,12 @@ class TestProgress:
 
         with pytest.raises(KeyboardInterrupt):
             cg.integrate(slowly, (0, 3), np.eye(3), frame=SO3(), method="CG3", h=0.1, progress=stop)
+
+
+def test_large_finite_numbers_cause_no_warning():
+    far = cg.Event(lambda t, y: np.full(len(t), 1e200), vectorized=True)
+    solution = cg.solve_ensemble(
+        lambda t, y: [0.0], (0, 1), [[0.0], [1.0]], frame=Euclidean(1), events=far,
+        observe=lambda t, y: [1e308, 1e308],
+    )  # fmt: skip
+    assert (solution.observed == 1e308).all()

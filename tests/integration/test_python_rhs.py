@@ -223,3 +223,11 @@ class TestNotes:
                 t_eval=[0.5, 1.0], vectorized=vectorized, workers=2,
             )  # fmt: skip
         assert "in member 1777" in caught.value.__notes__[0]
+
+
+def test_frames_without_hash():
+    plain = type("Plain", (Euclidean,), {"__hash__": None})(1)
+    options = {"frame": plain, "derivatives": "forward", "rtol": 1e-9, "atol": 1e-9}
+    for rhs in ("coefficients", "derivative"):
+        solution = cg.solve_ivp(lambda t, y: -y, (0, 1), [1.0], rhs=rhs, **options)
+        assert np.isclose(solution.y[-1, 0], np.exp(-1.0), rtol=2e-9, atol=0.0)

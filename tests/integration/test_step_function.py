@@ -1,5 +1,7 @@
 """Variable steps of splitting methods that stay reversible."""
 
+import copy
+
 import numpy as np
 import pytest
 from mechanics import INERTIA, system
@@ -93,6 +95,27 @@ def test_members_and_steppers_have_steps_of_their_own():
     while stepper.t < 5.0:
         stepper.step()
     assert np.isclose(stepper.t, alone.t[np.searchsorted(alone.t, 5.0)], rtol=0.0, atol=4e-14)
+
+
+def test_restarts_give_the_size_new_arguments():
+    seen = []
+
+    def rate_of(t, y, rate):
+        seen.append(rate)
+        return rate
+
+    stepper = cg.Stepper(
+        lambda t, y, rate: kepler(t, y), 0.0, start(0.3), frame=PLANE, method="BlanesMoan4",
+        h=0.1, step_function=rate_of, args=(1.0,),
+    )  # fmt: skip
+    stepper.step()
+    stepper.restart(args=(0.5,))
+    seen.clear()
+    twin = copy.copy(stepper)
+    for each in (stepper, twin):
+        each.step()
+    assert set(seen) == {0.5}
+    assert twin.t == stepper.t
 
 
 def test_on_rotations_and_parameters():

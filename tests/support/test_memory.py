@@ -70,7 +70,9 @@ LARGE = {
     "cg.search(8, 1000, 1, 1, workers=1)": "1000 stages",
     "cg.search(8, 1000, 1, 1, workers=2)": "1000 stages",
     "cg.search(6, 600, 1, 1, algorithm='lmdif', workers=1)": "600 stages",
-    "cg.solve_ivp(np.negative, (0, 1), np.ones(3 * 10**7), frame=cg.frames.Euclidean(3 * 10**7))": "1 trajectories of 30000000 numbers",
+    "cg.solve_ivp(np.negative, (0, 1), np.ones(1 << 25), frame=cg.frames.Euclidean(1 << 25))": (
+        "trajectories of 33554432 numbers"
+    ),
 }
 
 

@@ -286,7 +286,7 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
 def _product(frame: Frame, columns: int) -> Product:
     """Return the frame of points with columns of derivatives, which is kept."""
-    kept, key = facts_of(frame).kept, ("product", columns, frame._user_frame)
+    kept, key = facts_of(frame).kept, ("product", columns, id(frame._user_frame))
     if key not in kept:
         kept[key] = Product(frame, Euclidean(frame.dim * columns))
     product: Product = kept[key]
@@ -353,9 +353,14 @@ class CompiledVariation(CompiledRhs):
         return compiled_variation(self.variational, self.plan, extra)
 
     @property
-    def failed_name(self) -> str:
-        """Name of the function that failed last."""
-        failed = FailedFunction(max(record.failed_function for record in self.records))
+    def written(self) -> bool:  # type: ignore[override]
+        """Whether functions of the user write their results."""
+        return isinstance(self.variational.f, CompiledRhs)
+
+    def failed_name(self, member: int) -> str:
+        """Return the name of the function that failed last, of a member."""
+        record = self.records[member if len(self.records) > 1 else 0]
+        failed = FailedFunction(record.failed_function)
         return DERIVATIVES if failed is FailedFunction.PRODUCTS else failed.name.lower()
 
     def addresses(self) -> tuple[int, int, int]:

@@ -97,10 +97,11 @@ class CompiledRhs:
         """Address of the data of the first member."""
         return self.user_data if self.data is None else address(self.data)
 
-    @property
-    def failed_name(self) -> str:
-        """Name of the function that failed last."""
+    def failed_name(self, member: int) -> str:
+        """Return the name of the function that failed last, of a member."""
         return self.name
+
+    written = True  # whether functions of the user write their results
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
@@ -150,8 +151,8 @@ def call_rhs(
     place = table.ctypes.data if len(table) else 0
     done, code = core.call_rhs(address, data, 0, place, len(table), t, rows.T, values.T)
     if code:
-        time = float(np.ravel(t)[done if np.ndim(t) else 0])
-        raise RuntimeError(f"{rhs.failed_name} returned the error code {code} at t = {time:.17g}")
+        time, name = float(np.ravel(t)[done if np.ndim(t) else 0]), rhs.failed_name(0)
+        raise RuntimeError(f"{name} returned the error code {code} at t = {time:.17g}")
     return values.view(dtype).reshape(len(y), *shape)
 
 

@@ -209,8 +209,7 @@ class EventTable:
         plain = type(values) is np.ndarray and values.dtype == np.float64
         if not plain or values.shape != t.shape:
             values = read_value(values, f"events[{index}]", t.shape, t, "member")
-        # all values are finite if the sum of their squares is, which takes a fraction of the time
-        if not (math.isfinite(values.dot(values)) or np.isfinite(values).all()):
+        if not np.isfinite(values).all():
             bad = int(np.flatnonzero(~np.isfinite(values))[0])
             read_finite(values.item(bad), f"events[{index}]", (), t[bad])
         if event.period is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import STAGE_SOLVERS
 from cg.integration.errors import DERIVATIVES, ConvergenceError, StepTooLongError
-from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.checks import short
@@ -63,7 +62,7 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
 
 def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
     """Return the exception for an integration that failed at time ``t``."""
-    where, name = f"at t = {t:.17g}", run.rhs.failed_name
+    where, name = f"at t = {t:.17g}", run.rhs.failed_name(member)
     error: Exception
     match stop:
         case Stop.STAGES_NOT_SOLVED:
@@ -83,13 +82,9 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
                 )
         case Stop.STOPPED_BY_RHS:
             error = RuntimeError(f"{name} returned the error code {flag} {where}")
-        case Stop.RHS_NOT_FINITE if name == DERIVATIVES:
-            error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.RHS_NOT_FINITE:
-            point = run.plan.points(run.end[member].copy(), ())  # that of later stages is unknown
-            value = run.rhs.answer(member, t, point) if t == run.t0 else np.zeros(1)
-            got = "" if np.isfinite(value).all() else f", got {short(value)}"
-            error = ValueError(f"{_not_finite(run)}{got} {where}")
+            kind = OverflowError if name == DERIVATIVES else ValueError
+            error = kind(f"{_not_finite(run, member)}{_got(run, member, t)} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))
@@ -111,9 +106,19 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
     return error
 
 
-def _not_finite(run: Run) -> str:
-    unwritten = ", and write each of them," if isinstance(run.rhs, CompiledRhs) else ""
-    return f"{run.rhs.failed_name} must return finite numbers{unwritten}"
+def _not_finite(run: Run, member: int) -> str:
+    name = run.rhs.failed_name(member)
+    if name == DERIVATIVES:
+        return f"{name} exceed the range of floating point"
+    return f"{name} must return finite numbers{' and write each of them' * run.rhs.written}"
+
+
+def _got(run: Run, member: int, t: float) -> str:
+    """Return what ``f`` gave at the start, since the points of later stages are unknown."""
+    if t != run.t0 or run.problem.finish is not None:  # with derivatives it would hold these
+        return ""
+    value = run.rhs.answer(member, t, run.plan.points(run.end[member].copy(), ()))
+    return "" if np.isfinite(value).all() else f", got {short(value)}"
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
@@ -134,7 +139,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
         moved = frame.flow(ahead * slope, point)
         is_finite = bool(np.isfinite(moved).all())
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
-            reason = _not_finite(run)
+            reason = _not_finite(run, member)
             if frame.jointed:
                 force = run.rhs.answer(member, t + ahead, moved)
                 reason = _NO_FORCES if np.isfinite(force).all() else reason

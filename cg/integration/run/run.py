@@ -190,11 +190,7 @@ class Run:
         self._share("stops", problem.stops)
         if problem.limits.size:
             self.share_limits(problem.limits)
-        self._share_inputs()
-        for function in (problem.observer, problem.step_function):
-            if function is not None:
-                record = self._buffers[function.name] = function.record(self.rhs)
-                setattr(self.record, function.entry, ctypes.addressof(record))
+        self._share_functions()
         if problem.inertia is not None:
             self.record.body_numbers = problem.inertia.numbers.shape[1]
             self._share("bodies", problem.inertia.signed_columns)
@@ -209,9 +205,13 @@ class Run:
         if problem.events is not None and self._functions:
             self._share("event_table", problem.events.rows)
 
-    def _share_inputs(self) -> None:
-        """Share the table of the inputs of compiled functions."""
-        rhs = self.rhs
+    def _share_functions(self) -> None:
+        """Share functions along the solution, and the table of inputs of compiled functions."""
+        rhs, problem = self.rhs, self.problem
+        for function in (problem.observer, problem.step_function):
+            if function is not None:
+                record = self._buffers[function.name] = function.record(rhs)
+                setattr(self.record, function.entry, ctypes.addressof(record))
         parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
         if inputs is not None and isinstance(rhs, CompiledRhs):
             self.record.curves = len(self._share("inputs", inputs.table(parameters)))
@@ -338,7 +338,7 @@ class Run:
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = self.callbacks.rhs = rhs
-        self._share_inputs()
+        self._share_functions()
         if self.callbacks.jacobian is not None:
             self.callbacks.jacobian.kept.clear()
 
