@@ -27,8 +27,9 @@ class Facts:
         self.compiled = self.blocks is not None
         # whether compiled code computes the flow from one point to another
         self.has_difference = self.blocks is not None and not compared_by_entries(self.blocks)
-        self.jointed = frame.jointed
-        self.kept: dict[Any, Any] = {}  # what others compute for it, by keys of theirs
+        # what others keep: plans of `cg.integration.plan`, and products with derivatives
+        self.plans: dict[Any, Any] = {}
+        self.products: dict[Any, Any] = {}
 
     @cached_property
     def no_brackets(self) -> str | None:

@@ -76,7 +76,7 @@ def _shifted(frame: PhaseSpace, y: Points) -> Points:
 def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return what ``f`` returns for several members, in one call if it is vectorized."""
     if isinstance(rhs, PythonRhs) and rhs.vectorized:
-        return np.array(rhs.at_members(t.copy(), members, y.copy()))
+        return np.array(rhs.answers(t.copy(), members, y.copy()))
     calls = zip(members.tolist(), t.tolist(), y, strict=True)
     return np.array([rhs.answer(member, time, point) for member, time, point in calls])
 

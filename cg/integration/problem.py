@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
-from cg.frames.facts import check_brackets, facts_of, for_derivatives
+from cg.frames.facts import check_brackets, for_derivatives
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration import arguments
@@ -295,7 +295,7 @@ def _checked_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if facts_of(frame).jointed and not isinstance(frame, PhaseSpace):
+    if not isinstance(frame, PhaseSpace) and frame.jointed:
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"

@@ -53,7 +53,7 @@ from cg.tables import source_method
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
 _STEPS = list(COUNTERS).index("steps")
 _TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
-_GOES_ON = np.zeros(1, dtype=np.bool_)
+_NONE_STOPPED = np.zeros(1, dtype=np.bool_)
 
 
 class Stepper:
@@ -228,7 +228,7 @@ class Stepper:
     def _stopped(self) -> NDArray[np.bool_]:
         """Which members a terminal event has ended, none of a single point, which may go on."""
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
-        return stopped if self._many else _GOES_ON
+        return stopped if self._many else _NONE_STOPPED
 
     def _events(self, select: Any) -> list[Any] | None:
         """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""

@@ -286,10 +286,10 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
 def _product(frame: Frame, columns: int) -> Product:
     """Return the frame of points with columns of derivatives, which is kept."""
-    kept, key = facts_of(frame).kept, ("product", columns, id(frame._user_frame))
-    if key not in kept:
-        kept[key] = Product(frame, Euclidean(frame.dim * columns))
-    product: Product = kept[key]
+    products, key = facts_of(frame).products, (columns, id(frame._user_frame))
+    if key not in products:
+        products[key] = Product(frame, Euclidean(frame.dim * columns))
+    product: Product = products[key]
     return product
 
 

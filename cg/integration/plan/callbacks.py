@@ -218,7 +218,7 @@ class Callbacks:
 
     def _evaluate(self, a: Array, y: Array) -> Any:
         t, members = a.reshape(2, -1)
-        return self.rhs.at_members(t, members.astype(np.intp), self._points(y))
+        return self.rhs.answers(t, members.astype(np.intp), self._points(y))
 
     def _call_vectorized_event(self, a: Array, y: Array) -> Any:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)

@@ -139,8 +139,8 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 
 def plan_of(frame: Frame, table: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    plans = facts_of(frame).kept
-    key = "plan", id(table), id(frame._user_frame)  # which == leaves out
+    plans = facts_of(frame).plans
+    key = id(table), id(frame._user_frame)  # which == leaves out
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # threads may add a few more

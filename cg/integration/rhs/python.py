@@ -189,12 +189,15 @@ class PythonRhs(Contexts):
     def answer(self, member: int, t: float, y: Points) -> Array:
         """Return what ``f`` returns for a member as a new array, after checking it."""
         if self.vectorized:
-            row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
+            row: Array = self.answers(np.array([t]), np.array([member]), y[None])[0]
             return row
         return self.check(self.f(t, read_only(y), *self.extra.arguments(member)), t)
 
-    def at_members(self, t: Array, members: Any, y: Points) -> Array:
-        """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
+    def answers(self, t: Array, members: Any, y: Points) -> Array:
+        """Return what ``f`` returns for several members, after checking it.
+
+        The shape is ``(n, *rhs_shape)``.
+        """
         t.flags.writeable = y.flags.writeable = False
         try:
             value = self.f(t, y, *self.extra.arguments(members))
@@ -206,7 +209,7 @@ class PythonRhs(Contexts):
     def at_times(self, times: Array, y: Points) -> Array:
         """Return the coefficients of a single member at times and points, of a linear equation."""
         if self.vectorized:
-            return self.at_members(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
+            return self.answers(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
         return call_rhs(self, *self.addresses()[:2], self.frame, times, y)
 
 

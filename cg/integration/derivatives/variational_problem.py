@@ -13,8 +13,8 @@ from cg.frames.facts import facts_of
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
-from cg.integration.derivatives.events import VariationalEvents
 from cg.integration.derivatives.noise import check_covariance, noise_of
+from cg.integration.derivatives.saltation import VariationalEvents
 from cg.integration.derivatives.variational_equation import (
     VariationalEquation,
     compiled_variation,
@@ -111,10 +111,12 @@ class Derivatives:
         return changed(solution, sol=sol, frame=plan.user_frame, **fields)
 
 
-# Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
+# Tolerances of derivatives in those of the solution, without ``control_derivatives``: steps are
 # hardly shorter, and are not too long for derivatives where the solution itself is simple
-_LOOSE = 10.0
-_ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
+_TOLERANCE_RATIO = 10.0
+_MIN_ONE_SIDED = (
+    9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
+)
 
 
 def with_derivatives(problem: Problem, options: Options) -> Problem:
@@ -241,7 +243,7 @@ def _tolerances(
     tolerances = tolerances.reshape(2, -1)
     rows = tolerances if in_coordinates else tolerances.min(axis=1, keepdims=True)
     if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
-        rows = _LOOSE * np.maximum(rows, tolerances[0].min())
+        rows = _TOLERANCE_RATIO * np.maximum(rows, tolerances[0].min())
     elif not rows.min() > 0.0:
         raise ValueError(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
@@ -265,7 +267,7 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     rhs: Any = variational.rhs
     # rounding of t makes f inexact where t is far larger than the span
     far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
-    if tolerance_of(variational) >= _ONE_SIDED * far:
+    if tolerance_of(variational) >= _MIN_ONE_SIDED * far:
         for record in rhs.records:
             record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)

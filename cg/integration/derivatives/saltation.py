@@ -164,8 +164,8 @@ class VariationalEvents(EventTable):
         if abs(stop - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.stops))):
             return False
         sides = (math.nextafter(stop, side) for side in (-math.inf, math.inf))
-        before, behind = (float(value(side, y, arguments)[0]) for side in sides)
-        return before * behind < 0.0 and abs(before - behind) > _MIN_RATE * span
+        before, after = (float(value(side, y, arguments)[0]) for side in sides)
+        return before * after < 0.0 and abs(before - after) > _MIN_RATE * span
 
     def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         function = self._callable[index]
@@ -228,23 +228,25 @@ class VariationalEvents(EventTable):
     ) -> tuple[float, Array, Array]:
         """Return the unit of differences by time, at most ``unit``, their steps and weights."""
         steps, weights = _STEPS, _WEIGHTS
-        behind, before = self._room(t, arguments)
-        if min(behind, before) >= 2e-3 * max(behind, before):
-            unit = min(unit, min(behind, before) / (2.02 * _STEP))
+        elapsed, remaining = self._room(t, arguments)
+        least, most = sorted((elapsed, remaining))
+        # steps reach two units to both sides, or four units to one, and stay a hundredth within
+        if least >= 2e-3 * most:
+            unit = min(unit, least / (2.02 * _STEP))
         else:  # near a stop
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
-            unit = min(unit, max(behind, before) / (4.04 * _STEP))
-            unit = unit if before > behind else -unit
+            unit = min(unit, most / (4.04 * _STEP))
+            unit = unit if remaining > elapsed else -unit
         unit = ((t + _STEP * unit) - t) / _STEP or unit  # without rounding of times
         return unit, steps, weights
 
     def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
-        """Return the times to the neighbouring stops, or to the ends of the inputs."""
+        """Return the times since the last stop and to the next, or to the ends of the inputs."""
         stops = self.stops
-        behind = t - float(stops[stops < t].max(initial=-math.inf))
-        before = float(stops[stops > t].min(initial=math.inf)) - t
+        elapsed = t - float(stops[stops < t].max(initial=-math.inf))
+        remaining = float(stops[stops > t].min(initial=math.inf)) - t
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
-            return behind, before
+            return elapsed, remaining
         first, last = reader.inputs.span
-        return min(behind, max(t - first, 0.0)), min(before, max(last - t, 0.0))
+        return min(elapsed, max(t - first, 0.0)), min(remaining, max(last - t, 0.0))
