@@ -114,9 +114,8 @@ class Derivatives:
 # Tolerances of derivatives in those of the solution, without ``control_derivatives``: steps are
 # hardly shorter, and are not too long for derivatives where the solution itself is simple
 _TOLERANCE_RATIO = 10.0
-_MIN_ONE_SIDED = (
-    9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
-)
+# the least tolerance of the adjoint for which one-sided differences are exact enough
+_MIN_ONE_SIDED = 9e-7
 
 
 def with_derivatives(problem: Problem, options: Options) -> Problem:
