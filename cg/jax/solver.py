@@ -24,7 +24,7 @@ from cg.jax.term import (
     FrameTerm,
     LinearTerm,
     check_noise,
-    has_events,
+    events_and_output,
     increments,
     refuse_implicit_adjoint,
     rules_in,
@@ -44,6 +44,7 @@ class SolverState(eqx.Module):
     at_start: JaxArray  # coefficients at the start of the step
     before: Before | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
+    between: bool = eqx.field(static=True, default=False)  # whether output needs interpolants
 
 
 class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
@@ -172,7 +173,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         real = at_start.dtype
         none = jnp.zeros((), real), jnp.zeros((len(self.table.c), frame.dim), real)
         before = Before(*none) if self.table.kind is Kind.LINEAR else None
-        return SolverState(at_start, before, has_events())
+        return SolverState(at_start, before, *events_and_output())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -194,9 +195,11 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             if before is not None:
                 before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
         start = Start(rules, f, h, y0, at_start)
-        stages = take_stages(table, start, unroll=self.unroll)
+        accurate, evaluations = self.dense == _DENSE[0], max(table.output.final, len(table.c))
+        if accurate and solver_state.between and not self.unroll:
+            evaluations = table.output.basis.shape[1]
+        stages = take_stages(table, start, unroll=self.unroll, evaluations=evaluations)
         at_end = f(1.0, stages.result) if stages.at_end is None else stages.at_end
-        accurate = self.dense == _DENSE[0]
         within = interpolant(self.table, start, stages, at_end, accurate=accurate)
         error = error_estimate(table, start, stages, before)
         if error is not None and solver_state.has_events and self.max_angle is not None:
@@ -205,7 +208,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
                 too_far | (turning(rules.frame, h * at_end) > self.max_angle), jnp.inf, error
             )
         before = None if before is None else Before(h, stages.values)
-        state = SolverState(at_end, before, solver_state.has_events)
+        state = SolverState(at_end, before, solver_state.has_events, solver_state.between)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(
@@ -214,7 +217,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """Take a step of size one along increments; there is no error estimate."""
         at_start = f(0.0, y0)
         start = Start(rules, f, jnp.ones((), at_start.dtype), y0, at_start)
-        stages = take_stages(self.table, start, unroll=self.unroll)
+        stages = take_stages(self.table, start, unroll=self.unroll, evaluations=len(self.table.c))
         within = interpolant(self.table, start, stages, at_start, accurate=False)
         return stages.result, None, {"within": within}, state, _result(stages.result)
 

@@ -51,13 +51,16 @@ class Stages:
     others: list[JaxArray]  # results with which that one is compared
     errors: JaxArray  # (sums, dim) weighted sums of values: error estimates divided by the step
     at_end: JaxArray | None  # coefficients at the result, None if no stage is there
-    vectors: JaxArray  # values, then brackets of a Magnus method: what flows combine
+    vectors: JaxArray  # values, then brackets of a Magnus method or values at nodes of output
 
 
-def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
-    """Return the stages and results of a method."""
+def take_stages(table: MethodTable, start: Start, *, unroll: bool, evaluations: int) -> Stages:
+    """Return the stages and results of a method.
+
+    On the algebra the first ``evaluations`` of stages, end and nodes of output are one loop.
+    """
     if table.on_algebra:
-        return _take_stages_on_algebra(table, start, unroll)
+        return _take_stages_on_algebra(table, start, unroll, evaluations)
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     record, c = table.record, table.c
     at_end = None
@@ -98,74 +101,60 @@ def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
     return Stages(values, ends[record.result], others, errors, at_end, vectors)
 
 
-def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> Stages:
+def _take_stages_on_algebra(
+    table: MethodTable, start: Start, unroll: bool, evaluations: int
+) -> Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
     Each path is one flow from the start, whose coordinates u are h times a weighted sum of the
-    values k = dexpinv(u, f). The value at a stage is added to the sums of all paths at once, one
-    kernel of XLA in either mode of differentiation. Reverse mode computes flows and dexpinv
-    again, in fewer kernels than it takes to store what their derivatives need.
+    values k = dexpinv(u, f). The end of the step and the nodes of output are stages too, so that
+    XLA compiles ``f``, flow and dexpinv once. The value at a stage is added to the sums of all
+    paths at once, one kernel of XLA in either mode of differentiation. Reverse mode computes flows
+    and dexpinv again, in fewer kernels than it takes to store what their derivatives need.
     """
-    record, rules, f, h, y0 = table.record, start.rules, start.f, start.h, start.y0
-    # weights of stages in paths and in error estimates, after the start of the step
-    rows = [
-        np.zeros((1, table.combined_vectors)),
-        *(flows for _, flows in table.paths),
-        table.errors,
-    ]
-    weights = jnp.asarray(np.concatenate(rows), h.dtype)
-    assert rules.dexpinv is not None
-    dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
-    loop, at_start = _loop_on_algebra(table, start, weights, unroll), start.at_start
-    count = len(table.c)
-    final = record.final_stage - 1 if record.final_stage else count
-    sums, added = loop(weights[:, :1] * at_start, 1, final)
-    parts = [(at_start[None], jnp.zeros_like(at_start)[None]), added]
-    u = h * sums[record.result]
-    result = rules.restore(rules.flow(u, y0))
-    at_end = None
-    if final < count:
-        at_end = f(1.0, result)
-        value = dexpinv(u, at_end, record.series)
-        sums = sums + weights[:, final, None] * value
-        parts.append((value[None], (value - at_end)[None]))
-    if final + 1 < count:
-        sums, added = loop(sums, final + 1, count)
-        parts.append(added)
-    values, corrections = zip(*parts, strict=True)
-    vectors = jnp.concatenate(values)
-    errors = sums[len(table.paths) + 1 :]
-    if table.estimate is EstimateForm.PARTS_OF_SERIES:
-        corrected = weights[len(table.paths) + 1 :] @ jnp.concatenate(corrections)
-        errors = jnp.concatenate([errors - corrected, corrected])
-    return Stages(vectors, result, [], errors, at_end, vectors)
-
-
-def _loop_on_algebra(
-    table: MethodTable, start: Start, weights: JaxArray, unroll: bool
-) -> Callable[[JaxArray, int, int], Any]:
-    """Return the loop over stages: new sums, values k, and what dexpinv has added if needed."""
-    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
-    nodes = jnp.asarray(table.c, h.dtype)
-    numbers = jnp.asarray(table.arrays["stage_path"])
+    rules, f, h, y0, output = start.rules, start.f, start.h, start.y0, table.output
+    count, width = len(table.c), output.basis.shape[1]
+    paths = [np.zeros(0), *(weights for _, (weights,) in table.paths)]
+    places, ends = table.arrays["stage_path"].astype(int).tolist(), []
+    if output.final > count:
+        places, ends = [*places, table.record.result], [1.0]
+    rows = [*(paths[k] for k in places[1:]), *output.rows, *table.errors]
+    weights = np.array([np.pad(row, (0, width - len(row))) for row in rows])
+    columns, nodes = jnp.asarray(weights.T, h.dtype), [*table.c[1:], *ends, *output.theta]
+    numbers = jnp.arange(width - 1), jnp.asarray(nodes, h.dtype), columns[1:]
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
+    series = max(table.record.series, output.series)
     in_parts = table.estimate is EstimateForm.PARTS_OF_SERIES
 
-    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray, JaxArray | None]]:
-        path, c, column = stage
-        u = h * sums[path]
+    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray | None, ...]]:
+        place, c, column = stage
+        u = h * sums[place]
         coefficients = f(c, flow(u, y0))
-        value = dexpinv(u, coefficients, table.record.series)
+        value = dexpinv(u, coefficients, series)
+        # the result doesn't depend on nodes of output, where f may be infinite
+        added = jnp.where(column[:, None] == 0.0, 0.0, column[:, None] * value)
         correction = value - coefficients if in_parts else None
-        return sums + column[:, None] * value, (value, correction)
+        return sums + added, (coefficients, value, correction)
 
     def loop(sums: JaxArray, begin: int, end: int) -> Any:
-        rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
-        return jax.lax.scan(take, sums, rows, unroll=unroll)
+        chosen = [x[begin - 1 : end - 1] for x in numbers]
+        return jax.lax.scan(take, sums, chosen, unroll=unroll and begin == 1)
 
-    return loop
+    sums, taken = loop(columns[0, :, None] * start.at_start, 1, evaluations)
+    coefficients, vectors, corrections = taken
+    at_end = coefficients[output.final - 2] if evaluations >= output.final else None
+    vectors = jnp.concatenate([start.at_start[None], vectors])
+    values = vectors[:count]
+    result, errors = rules.restore(rules.flow(h * sums[output.final - 2], y0)), sums[width - 1 :]
+    if evaluations < width:  # XLA removes this loop where no output between steps is asked for
+        _, (_, more, _) = loop(sums, evaluations, width)
+        vectors = jnp.concatenate([vectors, more])
+    if in_parts:  # that of the first stage is zero
+        corrected = jnp.asarray(table.errors[:, 1:], h.dtype) @ corrections[: count - 1]
+        errors = jnp.concatenate([errors - corrected, corrected])
+    return Stages(values, result, [], errors, at_end, vectors)
 
 
 def _displacement(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
@@ -237,7 +226,8 @@ def interpolant(
     """
     rules = start.rules
     if not accurate:
-        return _Interpolant(start.y0, start.h * stages.vectors, rules, _step_scheme(table))
+        fields = start.h * stages.vectors[: table.combined_vectors]
+        return _Interpolant(start.y0, fields, rules, _step_scheme(table))
     if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(table, start, stages, at_end)
     return _by_flows(table, start, stages, at_end)
@@ -258,16 +248,12 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, at_end: JaxArr
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
     # all derivatives are times h, which may be zero
     if table.on_algebra:
-        derivatives = h * stages.values
-        if output.final > len(derivatives):
-            u = jnp.asarray(output.basis[0, : len(derivatives)], h.dtype) @ derivatives
-            derivatives = jnp.concatenate([derivatives, dexpinv(u, h * at_end, series)[None]])
+        derivatives = h * stages.vectors
     else:
         u = _coordinates(rules, 0.5 * h * (start.at_start + at_end), y0, stages.result, series)
         derivatives = jnp.stack([h * start.at_start, u, dexpinv(u, h * at_end, series)])
-    count, width = len(derivatives), output.basis.shape[1]
-    derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
-    if len(output.theta):
+        count, width = len(derivatives), output.basis.shape[1]
+        derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
 
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
             at, theta, row = node
@@ -275,11 +261,8 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, at_end: JaxArr
             value = dexpinv(u, h * f(theta, flow(u, y0)), series)
             return k.at[at].set(value), None
 
-        nodes = (
-            jnp.arange(count, width),
-            jnp.asarray(output.theta, h.dtype),
-            jnp.asarray(output.rows, h.dtype),
-        )
+        theta, rows = (jnp.asarray(x, h.dtype) for x in (output.theta, output.rows))
+        nodes = jnp.arange(count, width), theta, rows
         derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
     fields = jnp.asarray(output.basis, h.dtype) @ derivatives
     return _Interpolant(y0, fields, rules, _algebra_scheme(table))

@@ -227,10 +227,13 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
         )
 
 
-def has_events() -> bool:
-    """Return whether diffrax begins an integration with an event, which a solver isn't told."""
-    values = _caller("diffrax._integrate", "diffeqsolve")
-    return values is not None and values.get("event") is not None
+def events_and_output() -> tuple[bool, bool]:
+    """Return whether there is an event, and output between steps, which a solver isn't told."""
+    values = _caller("diffrax._integrate", "diffeqsolve") or {}
+    has_events, saveat = values.get("event") is not None, values.get("saveat", diffrax.SaveAt())
+    outputs = jax.tree.leaves(saveat.subs, is_leaf=lambda x: isinstance(x, diffrax.SubSaveAt))
+    between = saveat.dense or any(output.ts is not None for output in outputs)
+    return has_events, has_events or between
 
 
 def _caller(module: str, name: str) -> dict[str, Any] | None:
