@@ -199,23 +199,36 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         error = jnp.where(
             (suspicion > _CONTROL.min_suspicion) & long, _CONTROL.jump_factor * error, error
         )
-        keep, finite = error <= 1.0, jnp.isfinite(error)
-        factor = _step_factor(error, last_error, after_rejection, 1.0 / error_order)
-        size = (t1 - t0) * factor.astype(jnp.result_type(t1))
-        start = jnp.where(keep, t1, t0)
-        if self.max_step is not None:
-            size = jnp.minimum(size, self.max_step)
-        failures = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
-        too_small = ~keep & (size < _CONTROL.min_step * _spacing(t0)) | (failures >= _MAX_FAILURES)
-        size = jnp.where(keep, jnp.maximum(size, _CONTROL.min_step * _spacing(start)), size)
-        results = diffrax.RESULTS
-        result = results.where(finite, results.dt_min_reached, results.nonfinite)
-        result = results.where(too_small, result, results.successful)
-        last_error = jnp.where(keep, jnp.maximum(error, _CONTROL.min_last_error), last_error)
-        raised = jnp.minimum(suspicion + _CONTROL.raised_by_rejection, _CONTROL.max_suspicion)
-        suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)
-        state = last_error, ~keep, suspicion, failures
-        return keep, start, start + size, False, state, result
+        keep, exponent, results = error <= 1.0, 1.0 / error_order, diffrax.RESULTS
+
+        # XLA repeats what leads to a scalar for each of its uses, but once for both branches.
+        def accept() -> Any:
+            # proportional-integral; infinite powers of an error of zero give the largest factor
+            grown = error**-_CONTROL.last_power * last_error**_CONTROL.before_last_power
+            largest = jnp.where(after_rejection, 1.0, _CONTROL.max_factor)
+            factor = jnp.clip(_CONTROL.safety * grown**exponent, _CONTROL.min_factor, largest)
+            size = (t1 - t0) * factor.astype(jnp.result_type(t1))
+            if self.max_step is not None:
+                size = jnp.minimum(size, self.max_step)
+            size = jnp.maximum(size, _CONTROL.min_step * _spacing(t1))
+            kept = jnp.maximum(error, _CONTROL.min_last_error)
+            lowered = jnp.maximum(suspicion - 1, 0)
+            return t1, t1 + size, kept, lowered, jnp.zeros_like(failures), results.successful
+
+        def reject() -> Any:
+            finite = jnp.isfinite(error)
+            factor = jnp.maximum(_CONTROL.min_factor, _CONTROL.safety * error**-exponent)
+            factor = jnp.where(finite, factor, _CONTROL.failure_factor)
+            size = (t1 - t0) * factor.astype(jnp.result_type(t1))
+            count = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
+            too_small = (size < _CONTROL.min_step * _spacing(t0)) | (count >= _MAX_FAILURES)
+            result = results.where(finite, results.dt_min_reached, results.nonfinite)
+            result = results.where(too_small, result, results.successful)
+            raised = jnp.minimum(suspicion + _CONTROL.raised_by_rejection, _CONTROL.max_suspicion)
+            return t0, t0 + size, last_error, raised, count, result
+
+        start, end, last_error, suspicion, failures, result = jax.lax.cond(keep, accept, reject)
+        return keep, start, end, False, (last_error, ~keep, suspicion, failures), result
 
     def _error_norm(self, y0: JaxArray, y1: JaxArray, difference: JaxArray) -> JaxArray:
         """Return the norm of an error estimate relative to the tolerances, infinite for NaN."""
@@ -257,20 +270,6 @@ def _step_by_derivatives(
     by_curvature = jnp.sqrt(_CONTROL.first_error / jnp.where(curvature > 0.0, curvature, 1.0))
     bent = ~moving & (curvature > 0.0)
     return jnp.where(rated, by_rate, jnp.where(bent, by_curvature, jnp.inf))
-
-
-def _step_factor(
-    error: JaxArray, last_error: JaxArray, after_rejection: JaxArray, exponent: float
-) -> JaxArray:
-    """Return the factor of the step size: proportional-integral after accepted steps."""
-    positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
-    grown = positive**-_CONTROL.last_power * last_error**_CONTROL.before_last_power
-    accepted = jnp.clip(_CONTROL.safety * grown**exponent, _CONTROL.min_factor, _CONTROL.max_factor)
-    accepted = jnp.where(error > 0.0, accepted, _CONTROL.max_factor)
-    accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-    rejected = jnp.maximum(_CONTROL.min_factor, _CONTROL.safety * positive**-exponent)
-    rejected = jnp.where(jnp.isfinite(error), rejected, _CONTROL.failure_factor)
-    return jnp.where(error <= 1.0, accepted, rejected)
 
 
 class Estimate(NamedTuple):
