@@ -160,17 +160,17 @@ def group_rules(frame: MatrixGroup) -> Rules:
     """Return the rules of a matrix group."""
     body, group = frame.convention == "body", functions_of(frame)
 
-    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        x = group.exponential(v)
+    def act(x: JaxArray, y: JaxArray) -> JaxArray:
         return y @ x if body else x @ y
 
     def quotient(y: JaxArray, change: JaxArray) -> JaxArray:
         return group.inverse(y) @ change if body else change @ group.inverse(y)
 
     return Rules(
-        frame, flow, group.restore, lambda y0, y1: group.log1p(quotient(y0, y1 - y0)),
-        group.dexpinv, lambda y, tangent: projection(frame, quotient(y, tangent)),
-        group.unequal_sizes, group.distance,
+        frame, lambda v, y: act(group.exponential(v), y), group.restore,
+        lambda y0, y1: group.log1p(quotient(y0, y1 - y0)), group.dexpinv,
+        lambda y, tangent: projection(frame, quotient(y, tangent)), group.unequal_sizes,
+        group.distance, closed_field=lambda v, y: act(linear(v, frame.basis), y),
     )  # fmt: skip
 
 
@@ -213,7 +213,10 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
         return 2.0 * sines(y, tangent)
 
     dexpinv = motion_dexpinv(frame._rotation_sign)
-    return Rules(frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error)
+    return Rules(
+        frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error,
+        closed_field=lambda v, y: turned(v, generators, y),
+    )  # fmt: skip
 
 
 def functions_of(frame: MatrixGroup) -> Group:

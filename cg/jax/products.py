@@ -89,6 +89,7 @@ def product_rules(frame: Product, factors: list[Rules]) -> Rules:
         lambda y: jnp.stack(each("distance", split(frame, y))).max(),
         unique=all(rules.unique for rules in factors),
         composed=None if all(rules.composed is None for rules in factors) else composed,
+        closed_field=lambda v, y: join(frame, *each("field", cut(v), split(frame, y))),
     )
 
 

@@ -39,12 +39,13 @@ class Rules:
     ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes. ``log(y0, y1)`` returns the
     coefficients whose flow takes one point to the other; it is None where the frame has no
     `cg.frames.Frame.exp_coordinates`. ``dexpinv(u, v, order)`` is that of the frame, None without
-    brackets. ``closed_coefficients(y, tangent)`` and ``unequal_sizes(y)`` are `coefficients` in
-    closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
-    `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says whether two points
-    determine the coefficients of the short flow between them. `nearby` starts at ``start(y0, y1)``,
-    None for zero. ``composed(path)`` are the coefficients of the flow that is the product of flows,
-    shape ``(count, dim)``, the first one first; None where points determine it well.
+    brackets. ``closed_coefficients(y, tangent)`` and ``closed_field(v, y)`` are `coefficients` and
+    `field` in closed form, ``unequal_sizes(y)`` `sizes` where not all are 1. ``distance(y)`` is, to
+    first order, the `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says
+    whether two points determine the coefficients of the short flow between them. `nearby` starts at
+    ``start(y0, y1)``, None for zero. ``composed(path)`` are the coefficients of the flow that is
+    the product of flows, shape ``(count, dim)``, the first one first; None where points determine
+    it well.
     """
 
     frame: Frame
@@ -58,6 +59,7 @@ class Rules:
     unique: bool = True
     start: Pairing | None = None
     composed: Map | None = None
+    closed_field: Pairing | None = None
 
     def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
         """Return the shortest coefficients whose field is nearest to a tangent."""
@@ -79,6 +81,8 @@ class Rules:
 
     def field(self, v: JaxArray, y: JaxArray) -> JaxArray:
         """Return the tangent at ``y``: the derivative of the flow."""
+        if self.closed_field is not None:
+            return self.closed_field(v, y)
         return jax.jvp(lambda w: self.flow(w, y), (jnp.zeros_like(v),), (v,))[1]
 
     def nearby(self, y0: JaxArray, y1: JaxArray) -> JaxArray:
