@@ -11,18 +11,22 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from numpy.polynomial import Chebyshev, Polynomial
 
 from cg.frames.algebra import bernoulli_terms
 
 JaxArray = Any  # jax.Array or a tracer; its operators are untyped
 
 _STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
-_STUMPFF_TERMS = 14  # the next term of the series is below rounding
+_STUMPFF_TERMS = 10  # the next term of the series is below rounding
 _POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
-_FACTOR_TERMS = tuple(  # coefficients of the series in q of dexpinv_factor without these two poles
+_FACTOR_SERIES = [  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
-)
+]
+# From the third power on a polynomial that is interpolated up to the pole, with fewer terms
+_FACTOR_REST = Chebyshev.interpolate(Polynomial(_FACTOR_SERIES[3:]), 7, [0.0, _POLES[0]])
+_FACTOR_TERMS = (*_FACTOR_SERIES[:3], *_FACTOR_REST.convert(kind=Polynomial).coef.tolist())
 _ARCTAN_NEAR = 0.04  # below it the series of arctan is summed
 _ARCTAN_SERIES = tuple(1.0 / (2 * j + 1) for j in range(15))
 
