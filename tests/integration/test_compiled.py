@@ -181,7 +181,7 @@ def test_other_signatures_are_refused(compiled_library):
 
 @pytest.mark.parametrize(("name", "y0", "error", "message"), [
     ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
-    ("writes_nothing", [0.0], ValueError, "finite numbers, and write each.*, got array.*nan"),
+    ("writes_nothing", [0.0], ValueError, "finite numbers and write each of them, got array.*nan"),
     ("square", [1e160], ValueError, r"f must return finite numbers.*, got array\(\[inf\]\) at t ="),
 ])  # fmt: skip
 @pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": [0.1, 0.9]}])
