@@ -55,10 +55,7 @@ class Stages:
 
 
 def take_stages(table: MethodTable, start: Start, *, unroll: bool, evaluations: int) -> Stages:
-    """Return the stages and results of a method.
-
-    On the algebra the first ``evaluations`` of stages, end and nodes of output are one loop.
-    """
+    """Return stages and results; on the algebra the first ``evaluations`` of ``f`` are one loop."""
     if table.on_algebra:
         return _take_stages_on_algebra(table, start, unroll, evaluations)
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
@@ -118,10 +115,12 @@ def _take_stages_on_algebra(
     places, ends = table.arrays["stage_path"].astype(int).tolist(), []
     if output.final > count:
         places, ends = [*places, table.record.result], [1.0]
-    rows = [*(paths[k] for k in places[1:]), *output.rows, *table.errors]
+    # In a loop these would be carried backwards too; without one they are part of its kernels.
+    last = np.stack([paths[table.record.result], *table.errors])
+    rows = [*(paths[k] for k in places[1:]), *output.rows, *(last if unroll else ())]
     weights = np.array([np.pad(row, (0, width - len(row))) for row in rows])
-    columns, nodes = jnp.asarray(weights.T, h.dtype), [*table.c[1:], *ends, *output.theta]
-    numbers = jnp.arange(width - 1), jnp.asarray(nodes, h.dtype), columns[1:]
+    columns, nodes = jnp.asarray(weights.T, h.dtype), [*table.c, *ends, *output.theta]
+    numbers = jnp.arange(-1, width - 1), jnp.asarray(nodes, h.dtype), columns
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
@@ -133,23 +132,24 @@ def _take_stages_on_algebra(
         u = h * sums[place]
         coefficients = f(c, flow(u, y0))
         value = dexpinv(u, coefficients, series)
-        # the result doesn't depend on nodes of output, where f may be infinite
-        added = jnp.where(column[:, None] == 0.0, 0.0, column[:, None] * value)
+        added = column[:, None] * value
+        if unroll:  # the result doesn't depend on f at the end of the step, which may be infinite
+            added = jnp.where(column[:, None] == 0.0, 0.0, added)
         correction = value - coefficients if in_parts else None
         return sums + added, (coefficients, value, correction)
 
-    def loop(sums: JaxArray, begin: int, end: int) -> Any:
-        chosen = [x[begin - 1 : end - 1] for x in numbers]
-        return jax.lax.scan(take, sums, chosen, unroll=unroll and begin == 1)
+    def loop(sums: JaxArray, chosen: slice, unroll: bool) -> Any:
+        return jax.lax.scan(take, sums, [x[chosen] for x in numbers], unroll=unroll)
 
-    sums, taken = loop(columns[0, :, None] * start.at_start, 1, evaluations)
-    coefficients, vectors, corrections = taken
+    sums = columns[0, :, None] * start.at_start
+    sums, (coefficients, vectors, corrections) = loop(sums, slice(1, evaluations), unroll)
     at_end = coefficients[output.final - 2] if evaluations >= output.final else None
     vectors = jnp.concatenate([start.at_start[None], vectors])
     values = vectors[:count]
-    result, errors = rules.restore(rules.flow(h * sums[output.final - 2], y0)), sums[width - 1 :]
+    final = sums[width - 1 :] if unroll else jnp.asarray(last, h.dtype) @ values
+    result, errors = rules.restore(rules.flow(h * final[0], y0)), final[1:]
     if evaluations < width:  # XLA removes this loop where no output between steps is asked for
-        _, (_, more, _) = loop(sums, evaluations, width)
+        _, (_, more, _) = loop(sums, slice(evaluations, width), unroll=False)
         vectors = jnp.concatenate([vectors, more])
     if in_parts:  # that of the first stage is zero
         corrected = jnp.asarray(table.errors[:, 1:], h.dtype) @ corrections[: count - 1]
