@@ -30,7 +30,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.compiled import Blocks, dexpinv
+from cg.frames.blocks import Blocks, dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind, BlockOption

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.compiled import Blocks, move
+from cg.frames.blocks import Blocks, move
 from cg.frames.manifold import (
     FLOAT64,
     Manifold,

@@ -19,8 +19,9 @@ _DIFFERENCES = 1e-7
 # Largest length of random coefficients; longer ones may have non-unique or overflowing flows
 _LENGTH = 0.7
 _STEP = 1e-3
-_STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
-_WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+CENTRAL_STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
+CENTRAL_WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+"""The central difference of order four, of values at these steps."""
 
 
 def check(
@@ -111,8 +112,8 @@ def _difference(actual: Any, expected: Any) -> float:
 
 def _derivative(function: Callable[[float], Any]) -> Any:
     """Return the derivative of a function at zero, by differences of order four."""
-    values = np.array([function(s * _STEP) for s in _STEPS])
-    return np.tensordot(_WEIGHTS, values, 1) / _STEP
+    values = np.array([function(s * _STEP) for s in CENTRAL_STEPS])
+    return np.tensordot(CENTRAL_WEIGHTS, values, 1) / _STEP
 
 
 _SLOPE = "field(v, y) isn't the derivative of flow(s v, y) by s"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
-from cg.frames.compiled import Blocks
+from cg.frames.blocks import Blocks
 from cg.support.arrays import Array, Size, check_random
 from cg.support.shared_numbers import BlockKind
 

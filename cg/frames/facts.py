@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.frames.compiled import compared_by_entries, dexpinv
+from cg.frames.blocks import compared_by_entries, dexpinv
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.support.arrays import Array
 from cg.support.caches import cached_by_value
@@ -58,10 +58,17 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     return partial(frame.dexpinv if blocks is None else partial(dexpinv, blocks), order=order)
 
 
+class DerivativeFrames(NamedTuple):
+    """The frames of right-hand sides that return derivatives of points."""
+
+    fastest: Frame
+    with_brackets: Frame
+
+
 @cached_by_value
-def for_derivatives(frame: Frame) -> dict[bool, Frame]:
+def for_derivatives(frame: Frame) -> DerivativeFrames:
     """Return `Frame.for_derivatives` without and with brackets."""
-    return {known: frame.for_derivatives(with_brackets=known) for known in (False, True)}
+    return DerivativeFrames(frame.for_derivatives(), frame.for_derivatives(with_brackets=True))
 
 
 def check_brackets(frame: Frame, method: object) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.frames.compiled import describe_blocks
+from cg.frames.blocks import describe_blocks
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import times
 from cg.frames.product import Power, Product

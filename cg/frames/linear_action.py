@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import CompiledFlow
-from cg.frames.compiled import Blocks
+from cg.frames.blocks import Blocks
 from cg.frames.user import UserFrame
 from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer, short

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.algebra import MAX_CONSTANTS, series_dexpinv
 from cg.frames.base import Frame
-from cg.frames.compiled import CLOSED_COORDINATES, Block, coordinates_between, move
+from cg.frames.blocks import CLOSED_COORDINATES, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
 from cg.support.arrays import Array, Convention, Points, Size

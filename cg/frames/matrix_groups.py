@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
-from cg.frames.compiled import Blocks, convention_option
+from cg.frames.blocks import Blocks, convention_option
 from cg.frames.matrix_functions import (
     newton_corrected,
     singular_values,

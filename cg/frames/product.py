@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
-from cg.frames.compiled import Blocks, compared_by_entries
+from cg.frames.blocks import Blocks, compared_by_entries
 from cg.support.arrays import Array, Points, Size, check_random, is_array
 from cg.support.checks import check_integer
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import CompiledFlow
-from cg.frames.compiled import Blocks, convention_option, coordinates_between
+from cg.frames.blocks import Blocks, convention_option, coordinates_between
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention

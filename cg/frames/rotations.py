@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.compiled import Blocks, convention_option
+from cg.frames.blocks import Blocks, convention_option
 from cg.frames.matrix_functions import rotation_log1p
 from cg.frames.matrix_group import MAX_DENSE, Entries, MatrixGroup, entries_of
 from cg.frames.matrix_groups import SizedMatrixGroup, UnitaryMatrixGroup

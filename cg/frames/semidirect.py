@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.compiled import Blocks, convention_option, dexpinv
+from cg.frames.blocks import Blocks, convention_option, dexpinv
 from cg.frames.matrix_functions import expm
 from cg.frames.matrix_group import Entries, MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random

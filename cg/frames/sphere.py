@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
-from cg.frames.compiled import Blocks
+from cg.frames.blocks import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import UnitVectors

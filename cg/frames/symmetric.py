@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Sized
-from cg.frames.compiled import Blocks
+from cg.frames.blocks import Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import eigh_where_finite, two_norm

@@ -21,13 +21,13 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import check_flag, check_integer, short, similar_names
+from cg.support.checks import NO_LIMIT, check_flag, check_integer, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable
 
-DEFAULT_MAX_STEPS, NO_LIMIT = 10**6, 2**62
-"""Limits of the number of steps, rejected ones included: that of adaptive ones, and none."""
+DEFAULT_MAX_STEPS = 10**6
+"""Limit of the number of adaptive steps, rejected ones included."""
 
 STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}
 """The iterations for implicit stages, and their limits."""
@@ -147,7 +147,7 @@ def _check_tolerances(name: str, numbers: ArrayLike, value: Any) -> Array:
 
 def check_count(name: str, value: Any) -> int:
     """Return a number of steps, positive and such that it fits counters of compiled code."""
-    return min(check_integer(name, value, 1), 2**62)
+    return min(check_integer(name, value, 1), NO_LIMIT)
 
 
 def equal_steps(h: float, ends: list[float]) -> int:

@@ -2,44 +2,30 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.arguments import (
-    EnsembleOptions,
-    Options,
-    complete_options,
-    equal_steps,
-    expand_options,
-)
-from cg.integration.errors import TERMINAL_EVENT
-from cg.integration.mechanics import refuse_friction
+from cg.integration.arguments import EnsembleOptions, complete_options, expand_options
 from cg.integration.member_results import Collector, MemberResults
+from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
-from cg.integration.run.drive import Progress, drive
-from cg.integration.run.failures import failures_of, warnings_of
-from cg.integration.run.run import Run
-from cg.support.caches import changed
-from cg.support.checks import total_memory
+from cg.integration.run.drive import Progress
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
-from cg.support.shared_numbers import Stop
+from cg.support.records import changed
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
 _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
-_TERMINAL = int(Stop.TERMINAL_EVENT)
 _DERIVATIVE_OPTIONS = (
     "derivatives", "derivatives_by", "jac", "df_dp", "noise", "control_derivatives"
 )  # fmt: skip
@@ -209,35 +195,6 @@ def solve_variational_ensemble(
     return solve_members(problem, all_options)
 
 
-def add_derivatives(problem: Problem, options: Options | None) -> Problem:
-    """Return the problem whose solution has the derivatives that options ask for."""
-    if options is None or options["derivatives"] is None:
-        return problem
-    from cg.integration.derivatives.variational_problem import (
-        with_derivatives,  # an import that takes long
-    )
-
-    return with_derivatives(problem, options)
-
-
-def check_output_size(problem: Problem) -> None:
-    """Raise ValueError if the output of equal steps needs more memory than the machine has."""
-    plan, h = problem.plan, problem.control.h
-    if h is None or problem.step_function is not None:
-        return
-    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-    total, needed = steps * len(problem.points), 0
-    if problem.every and problem.keeps_points:
-        needed = (total // problem.every + 2) * (8 * plan.width + 8)
-    if problem.dense_output:
-        needed += total * 8 * (2 * plan.width + plan.interpolant_vectors * plan.dim + 5)
-    if needed > total_memory():
-        raise ValueError(
-            f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
-            f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
-        )
-
-
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
     """Integrate the members of an ensemble. Warnings name the caller of its caller."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
@@ -279,38 +236,6 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     if not solution.success:
         warnings.warn(solution.message, stacklevel=3)
     return solution
-
-
-def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults:
-    """Integrate members in this thread."""
-    plan, times, members = problem.plan, problem.t_eval, len(problem.points)
-    y, observed = None, None
-    if times is not None:
-        if problem.keeps_points:
-            y = np.full((len(times), members, plan.width), math.nan)
-        if problem.observer is not None:
-            observed = np.full((len(times), members, problem.observer.count), math.nan)
-    run = Run(problem, y=y, observed=observed)
-    texts: list[str] = []
-    drive(run, None if watch is None else watch.update, texts.append)
-    messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
-    if messages:
-        status[list(messages)] = -1
-    for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
-        messages[member], status[member] = TERMINAL_EVENT, 1
-    if times is None:
-        times, y, observed = run.steps()
-    shape = len(times), members
-    points = plan.points(y, shape) if y is not None else None
-    if points is not None:
-        refuse_friction(plan, problem.rhs, times, points, run.counts[:, 0])
-    if observed is not None and problem.observer is not None:
-        observed = observed.reshape(*shape, *problem.observer.shape)
-    return MemberResults(
-        times, points, observed, run.reached, status, run.counts, messages,
-        run.interpolants() if problem.dense_output else None,
-        None if problem.events is None else run.events(), texts + warnings_of(run),
-    )  # fmt: skip
 
 
 def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 FINISHED = "The end of t_span was reached."
-DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 

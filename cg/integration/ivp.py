@@ -11,8 +11,8 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import Options, check_count, complete_options, expand_options
-from cg.integration.ensemble import add_derivatives, check_output_size, integrate_members
 from cg.integration.member_results import solution_of
+from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import Solution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction

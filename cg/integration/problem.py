@@ -46,8 +46,8 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, texts_of
-from cg.support.caches import changed, filled
-from cg.support.checks import check_choice, short
+from cg.support.checks import NO_LIMIT, check_choice, short
+from cg.support.records import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
@@ -84,7 +84,7 @@ class Problem:
     rhs: Rhs
     linear: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
-    events: EventTable | None
+    events: Any  # an `EventTable`, or `VariationalEvents` of points with derivatives, or None
     # members
     points: Points  # the initial ones, shape (members, *point_shape)
     ensemble: bool  # whether it has members, even one
@@ -222,7 +222,7 @@ def _equal_steps(
     if size > max_step:
         limit, got = texts_of(max_step, size)
         raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
-    return Control(h=size, max_steps=max_steps if varies else arguments.NO_LIMIT)
+    return Control(h=size, max_steps=max_steps if varies else NO_LIMIT)
 
 
 def _check_pair(plan: Plan, options: EnsembleOptions) -> None:
@@ -359,7 +359,8 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
-        frame = for_derivatives(frame)[brackets or options["derivatives"] is not None]
+        frames, needed = for_derivatives(frame), brackets or options["derivatives"] is not None
+        frame = frames.with_brackets if needed else frames.fastest
     linear, solver = options["linear"], options["stage_solver"]
     return plan_of(frame, _checked_method(chosen, linear, frame, min_rtol, solver)), rtol
 

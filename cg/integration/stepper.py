@@ -19,7 +19,6 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import (
-    NO_LIMIT,
     StepOptions,
     check_args,
     check_real_time,
@@ -44,8 +43,8 @@ from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, texts_of
-from cg.support.caches import changed
-from cg.support.checks import short
+from cg.support.checks import NO_LIMIT, short
+from cg.support.records import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method

@@ -1,11 +1,9 @@
-"""Values of functions that are kept, and copies and pickles of objects with read-only arrays."""
+"""Values of functions that are kept."""
 
 import weakref
 from collections.abc import Callable
 from functools import lru_cache, wraps
 from typing import Any, TypeVar
-
-import numpy as np
 
 Keyed = TypeVar("Keyed")
 Result = TypeVar("Result")
@@ -54,39 +52,3 @@ def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Res
         return result  # type: ignore[no-any-return]
 
     return recall
-
-
-class ReadOnly:
-    """Keeps read-only arrays read-only in copies."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        fixed = [
-            name
-            for name, value in vars(self).items()
-            if isinstance(value, np.ndarray) and not value.flags.writeable
-        ]
-        return {**vars(self), "fixed": fixed}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        fixed = state.pop("fixed")
-        vars(self).update(state)
-        for name in fixed:
-            state[name].flags.writeable = False
-
-
-def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
-    """Return an object of a frozen dataclass with all its fields, which it keeps.
-
-    This is much faster than a call of the class, and many arguments by keyword take long too.
-    """
-    record = object.__new__(kind)
-    object.__setattr__(record, "__dict__", fields)
-    return record
-
-
-def changed(record: Result, **fields: Any) -> Result:
-    """Return an object of a frozen dataclass with other values of some fields, faster than replace.
-
-    ``__post_init__`` isn't called.
-    """
-    return filled(type(record), vars(record) | fields)

@@ -13,6 +13,9 @@ import numpy as np
 MAX_COUNT = 2**31 - 1
 """Largest count; counts are 32-bit integers in Fortran."""
 
+NO_LIMIT = 2**62
+"""A limit that no number of steps or of events reaches; both are 64-bit integers in Fortran."""
+
 _HALF = 100  # characters of a long value in a message before and after its middle
 
 

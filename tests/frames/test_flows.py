@@ -8,7 +8,7 @@ from exact import doubles, flint_matrix
 from flint import ctx
 
 from cg import frames as fr
-from cg.frames.compiled import constants_of
+from cg.frames.blocks import constants_of
 from cg.frames.facts import facts_of
 from cg.support.shared_numbers import BlockKind
 

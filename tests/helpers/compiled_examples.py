@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from cg import frames as fr
-from cg.frames.compiled import apply_operation
+from cg.frames.blocks import apply_operation
 from cg.frames.facts import facts_of
 from cg.support.shared_numbers import Operation
 

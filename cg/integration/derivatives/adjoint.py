@@ -37,7 +37,7 @@ from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
-from cg.support.caches import changed
+from cg.support.records import changed
 
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none
 # Largest share of a cotangent along fields that don't move the point; differences have some

@@ -6,11 +6,12 @@ import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cg.frames.base import Frame
+from cg.frames.checking import CENTRAL_STEPS, CENTRAL_WEIGHTS
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.derivatives.variational_equation import VariationalEquation, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
@@ -19,11 +20,12 @@ from cg.integration.rhs.inputs import Reader, data_at
 from cg.support.arrays import Array, Points
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
-# The central difference of order four, and the one to one side
-_STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
-_WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+# the difference of order four to one side
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
+# Where one stop is nearer than this part of the time to the other, the short steps of central
+# differences have larger rounding errors than long ones to one side.
+_MIN_CENTRAL = 2e-3
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
 # zeros at a stop are found within a part of a step, and no step is longer than the span
@@ -32,7 +34,17 @@ _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
 
 
-class VariationalEvents(EventTable):
+class _Derivatives(NamedTuple):
+    """Derivatives of a function with m values at a point of a solution."""
+
+    by_fields: Array  # shape (n, m)
+    along: Array  # along the solution, shape (m,)
+    by_parameters: Array  # shape (k, m)
+    max_slope: float  # between any two values along the solution
+    span: float  # largest difference between two of these values
+
+
+class VariationalEvents:
     r"""The events of a solution with its derivatives.
 
     Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
@@ -54,14 +66,16 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, equation: VariationalEquation, stops: Array) -> None:
-        events, flags = table._arguments
-        super().__init__(events, table.frame, **flags)
         self.table, self.equation, self.stops = table, equation, stops
+        self.frame, self.width, self.rows = table.frame, table.width, table.rows.copy()
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_data
         self._callable = [
-            None if source is None else _EVENT(source.address) for source in self.compiled
+            None if source is None else _EVENT(source.address) for source in table.compiled
         ]
+
+    def __len__(self) -> int:
+        return len(self.table)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEvents, (self.table, self.equation, self.stops)
@@ -105,17 +119,17 @@ class VariationalEvents(EventTable):
             landed = self.table.jump(index, time, point, extra, math.inf)
             return self.frame.local_coordinates(after, landed)
 
-        by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
-        jump_of_rate = along - self._coefficients(t, after, arguments)
-        transformed = by_fields.T @ x
+        derivatives = self._differentiate(jumped, t, before, arguments)
+        jump_of_rate = derivatives.along - self._coefficients(t, after, arguments)
+        transformed = derivatives.by_fields.T @ x
         if equation.parameter_count:
-            transformed[:, :m] += equation.along_directions(by_parameters.T)
+            transformed[:, :m] += equation.along_directions(derivatives.by_parameters.T)
         transformed += np.outer(jump_of_rate, delta)
         if equation.noise is not None:
             # a covariance is multiplied by the saltation matrix from both sides
             unit = np.eye(n, equation.column_count)
             local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
-            matrix = by_fields.T + np.outer(jump_of_rate, local)
+            matrix = derivatives.by_fields.T + np.outer(jump_of_rate, local)
             transformed[:, m:] = matrix @ x[:, m:] @ matrix.T
         return equation.product.join(after, transformed.ravel())
 
@@ -140,15 +154,15 @@ class VariationalEvents(EventTable):
         def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return np.array([self._value_of(index, time, point, extra)])
 
-        by_fields, along, by_parameters, (largest, span) = self._derivatives(value, t, y, arguments)
-        rate = float(along[0]) if abs(along[0]) > _MIN_RATE * largest else 0.0
-        if self._jumps_over_zero(value, t, y, arguments, span):
+        derivatives, equation = self._differentiate(value, t, y, arguments), self.equation
+        rate = float(derivatives.along[0])
+        rate = rate if abs(rate) > _MIN_RATE * derivatives.max_slope else 0.0
+        if self._jumps_over_zero(value, t, y, arguments, derivatives.span):
             return rate, np.zeros(x.shape[1])
-        gradient = by_fields[:, 0] @ x
-        if self.equation.parameter_count:
-            gradient[: self.equation.direction_count] += self.equation.along_directions(
-                by_parameters[:, 0]
-            )
+        gradient = derivatives.by_fields[:, 0] @ x
+        if equation.parameter_count:
+            along = equation.along_directions(derivatives.by_parameters[:, 0])
+            gradient[: equation.direction_count] += along
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
 
@@ -176,7 +190,7 @@ class VariationalEvents(EventTable):
         data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
-        return self.wrapped(index, float(function(t, point.ctypes.data, data)))
+        return self.table.wrapped(index, float(function(t, point.ctypes.data, data)))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
@@ -188,15 +202,11 @@ class VariationalEvents(EventTable):
         row: Array = equation.coefficients(np.array([t]), y[None], arguments, True)[0]
         return row
 
-    def _derivatives(
+    def _differentiate(
         self, function: Callable[[float, Points, tuple[Any, ...]], Array], t: float, y: Points,
         arguments: tuple[Any, ...],
-    ) -> tuple[Array, Array, Array, tuple[float, float]]:  # fmt: skip
-        """Return derivatives of ``function(t, y, arguments)``, which has m values.
-
-        They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,
-        then the largest slope and difference between any two values along the solution.
-        """
+    ) -> _Derivatives:  # fmt: skip
+        """Return derivatives of ``function(t, y, arguments)``, which has m values."""
         frame, n = self.frame, self.frame.dim
         sizes = np.maximum(frame.coordinate_sizes(y), 1.0)
         slope = self._coefficients(t, y, arguments)
@@ -204,34 +214,35 @@ class VariationalEvents(EventTable):
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
         unit = min(unit, float(np.ptp(self.stops)) or max(abs(t), 1.0))
 
-        def values_along(v: Array, time: float = 0.0, steps: Array = _STEPS) -> Array:
+        def values_along(v: Array, time: float = 0.0, steps: Array = CENTRAL_STEPS) -> Array:
             places = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
             return np.array([function(*place, arguments) for place in places])
 
         by_fields = [
-            _WEIGHTS @ values_along(size * e) / (_STEP * size)
+            CENTRAL_WEIGHTS @ values_along(size * e) / (_STEP * size)
             for size, e in zip(sizes, np.eye(n), strict=True)
         ]
         by_parameters = np.empty((self.equation.parameter_count, len(by_fields[0])))
         if self.equation.parameter_count:
             *others, row = arguments
             for i, (change, size) in enumerate(parameter_steps(row, _STEP)):
-                values = [function(t, y, (*others, row + s * change)) for s in _STEPS]
-                by_parameters[i] = _WEIGHTS @ np.array(values) / size
+                values = [function(t, y, (*others, row + s * change)) for s in CENTRAL_STEPS]
+                by_parameters[i] = CENTRAL_WEIGHTS @ np.array(values) / size
         unit, steps, weights = self._steps_in_time(t, unit, arguments)
         ahead = values_along(unit * slope, unit, steps)
         span, size = float(np.ptp(ahead)), _STEP * unit
-        return np.array(by_fields), weights @ ahead / size, by_parameters, (span / abs(size), span)
+        along, max_slope = weights @ ahead / size, span / abs(size)
+        return _Derivatives(np.array(by_fields), along, by_parameters, max_slope, span)
 
     def _steps_in_time(
         self, t: float, unit: float, arguments: tuple[Any, ...]
     ) -> tuple[float, Array, Array]:
         """Return the unit of differences by time, at most ``unit``, their steps and weights."""
-        steps, weights = _STEPS, _WEIGHTS
+        steps, weights = CENTRAL_STEPS, CENTRAL_WEIGHTS
         elapsed, remaining = self._room(t, arguments)
         least, most = sorted((elapsed, remaining))
         # steps reach two units to both sides, or four units to one, and stay a hundredth within
-        if least >= 2e-3 * most:
+        if least >= _MIN_CENTRAL * most:
             unit = min(unit, least / (2.02 * _STEP))
         else:  # near a stop
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS

@@ -1,11 +1,10 @@
-"""Right-hand sides of a solution and its derivatives together, in Python and compiled."""
+"""The equation of a solution and its derivatives together."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +13,18 @@ from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.facts import facts_of
 from cg.frames.product import Product
-from cg.integration.derivatives.noise import Noise
-from cg.integration.errors import DERIVATIVES
-from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.inputs import DataReader, ExtraArguments, Reader, address, data_at
-from cg.integration.rhs.python import Check, Derivative, Rhs, call_context, read_only, when
+from cg.integration.rhs.inputs import Reader, data_at
+from cg.integration.rhs.python import Check, Derivative, Rhs, read_only, when
 from cg.support.arrays import Array, Points, check_finite
 from cg.support.caches import cached_by_value
-from cg.support.shared_numbers import FailedFunction
-from cg.support.shared_records import VARIATION, fields_of
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
+# beyond this ratio of their lengths, changes of point and parameters have differences of their own:
+# in one of both the shorter change would have few digits
+_MAX_RATIO = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +210,7 @@ class VariationalEquation:
         for j, (v, shift) in enumerate(zip(x.T, shifts, strict=True)):
             lengths = np.abs(v / sizes).max(), np.abs(shift / scales).max(initial=0.0)
             changes = [(lengths[0], v, 0.0 * shift), (lengths[1], 0.0 * v, shift)]
-            if min(lengths) * 1000.0 > max(lengths):
+            if min(lengths) * _MAX_RATIO > max(lengths):
                 changes = [(max(lengths), v, shift)]
             for length, along, change in changes:
                 if length > 0.0:
@@ -322,193 +319,3 @@ def structure_of(frame: Frame) -> Structure:
         rows.append(np.stack([np.full_like(j, i), j, k]))
         values.append(brackets[j, k])
     return Structure(np.concatenate(rows, axis=1), np.concatenate(values))
-
-
-class _Record(ctypes.Structure):
-    _fields_ = fields_of(VARIATION)
-
-
-@dataclass(frozen=True, repr=False)
-class CompiledVariation(CompiledRhs):
-    """A right-hand side of a solution with its derivatives, in compiled code.
-
-    ``fortran/runs/variational.f90`` calls the functions, which may be in Python. They receive
-    the address of the parameters, as events do. ``data`` has the address of the record of each
-    member, then its parameters and inputs.
-    """
-
-    variational: Any = None  # the `VariationalEquation`
-    plan: Any = None  # plan of the frame without derivatives
-    records: Any = None  # one for each member, or one for all
-    kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
-
-    def __repr__(self) -> str:
-        return f"CompiledVariation({self.variational!r})"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan, self.extra)
-
-    def with_data(self, extra: ExtraArguments) -> CompiledVariation:
-        """Return the right-hand side of other members."""
-        return compiled_variation(self.variational, self.plan, extra)
-
-    @property
-    def written(self) -> bool:  # type: ignore[override]
-        """Whether functions of the user write their results."""
-        return isinstance(self.variational.f, CompiledRhs)
-
-    def failed_name(self, member: int) -> str:
-        """Return the name of the function that failed last, of a member."""
-        record = self.records[member if len(self.records) > 1 else 0]
-        failed = FailedFunction(record.failed_function)
-        return DERIVATIVES if failed is FailedFunction.PRODUCTS else failed.name.lower()
-
-    def addresses(self) -> tuple[int, int, int]:
-        """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = self.data.strides[0] if len(self.data) > 1 else 0
-        return self.address, self.data_address, distance
-
-    @property
-    def data_address(self) -> int:
-        """Address of the parameters of the first member."""
-        return address(self.data) + 8
-
-
-def compiled_variation(
-    variational: VariationalEquation, plan: Plan, extra: ExtraArguments
-) -> CompiledVariation:
-    """Return the right-hand side for functions of one point.
-
-    The plan is that of the frame without derivatives.
-    """
-    import cg._core_r64 as core
-
-    first, in_python, arrays = _shared_entries(variational, plan)
-    inputs, members = extra.inputs, extra.members or 1
-    first.inputs = 0 if inputs is None else inputs.width
-    plain_count = variational.parameter_count - variational.input_count
-    scales = np.zeros(plain_count + first.inputs)
-    if inputs is not None:
-        scales[plain_count:] = inputs.scales
-    first.scales = address(scales)
-    rows = np.zeros((members, 1 + plain_count + first.inputs))
-    parameters, values = rows[:, 1 : 1 + plain_count], rows[0, 1 + plain_count :]
-    count = members if in_python else 1
-    records = (_Record * count)(*[first] * count)
-    shared = extra  # with the parameters that compiled code changes for differences
-    if extra.parameters is not None:
-        parameters[...] = extra.parameters
-        parameters.flags.writeable = False
-        shared = extra._replace(parameters=parameters)
-    contexts = _add_contexts(records, variational, in_python, shared, values)
-    size = ctypes.sizeof(_Record) if count > 1 else 0
-    rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
-    return CompiledVariation(
-        None, core.function_addresses()[1], 0, frame=variational.product, extra=extra, data=rows,
-        variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
-    )  # fmt: skip
-
-
-def _add_contexts(
-    records: Any, variational: VariationalEquation, in_python: list[_Function],
-    extra: ExtraArguments, values: Array,
-) -> list[Any]:  # fmt: skip
-    """Put data of functions in Python into records, and return it."""
-    arguments = [extra.arguments(member) for member in range(len(records))]
-    if extra.inputs is not None and variational.input_count and variational.df_dp is None:
-        # compiled code changes the values for differences
-        arguments = [(DataReader(extra.inputs, values), *arguments[0][1:])]
-    # differences change parameters in place
-    changing = variational.df_dp is None and variational.parameter_count > variational.input_count
-    contexts = []
-    for record, rest in zip(records, arguments, strict=True):
-        for name, function, shape, check in in_python:
-            frame = variational.product if name == "along" else variational.frame
-            dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
-            context = call_context(function, rest, frame, shape, check, dtype, changing)
-            place = ctypes.c_void_p(id(context))
-            contexts.append((context, place))
-            setattr(record, f"{name}_data", ctypes.addressof(place))
-    return contexts
-
-
-class _Function(NamedTuple):
-    """A function of a variational equation."""
-
-    name: str  # its entry in the record
-    function: Any
-    shape: tuple[int, ...]  # that of its values
-    check: Any  # check(value, t, y) returns the value as an array
-
-
-class _SharedEntries(NamedTuple):
-    """The entries that the records of all members share."""
-
-    record: _Record  # lacks the data of functions in Python, which differ between members
-    in_python: list[_Function]
-    arrays: tuple[Any, ...]  # those whose addresses are in the record
-
-
-def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntries:
-    """Return the entries of records that don't depend on parameters and inputs."""
-    import cg._core_r64 as core
-
-    f, noise, structure = variational.f, variational.noise, variational.structure
-    index, constant = structure.addresses
-    record = _Record(
-        frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.parameter_count, constants=len(structure.constants),
-        index=index, constant=constant, step=DIFFERENCE_STEP,
-        data=f.user_data if isinstance(f, CompiledRhs) else 0,
-        forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
-        noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
-    )  # fmt: skip
-    directions = None
-    if (chosen := variational.chosen) is not None:
-        # a row for each direction; arrays can't be empty
-        directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
-        record.directions, record.by_parameters = chosen.shape[1], address(directions)
-    in_python = []
-    caller = core.function_addresses()[0]
-    for each in _functions(variational):
-        if isinstance(each.function, CompiledRhs):
-            setattr(record, each.name, each.function.address)
-            setattr(record, f"{each.name}_data", each.function.user_data)
-        else:
-            setattr(record, each.name, caller)
-            in_python.append(each)
-    return _SharedEntries(record, in_python, (structure, directions))
-
-
-def _functions(variational: VariationalEquation) -> list[_Function]:
-    """Return the functions that compiled code calls."""
-    frame, jac = variational.frame, variational.jac
-    functions = [_Function("f", variational.f, frame.rhs_shape, variational.check)]
-    if frame._user_frame is not None and not facts_of(frame).compiled:
-        # compiled code has the coefficients of derivatives on compiled frames only
-        def coefficients(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.coefficients(t, y, arguments)
-
-        functions = [_Function("f", coefficients, (frame.dim,), _unchecked)]
-    if jac is None and not facts_of(frame).compiled:
-        # compiled code takes differences along flows of compiled frames only
-        def difference(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.differences(t, y, arguments)
-
-        function = _Function("jac", difference, (frame.dim, frame.dim), _unchecked)
-        if variational.chosen is not None:
-            shape = frame.dim, variational.direction_count
-            function = _Function("along", variational.differences_along, shape, _unchecked)
-        functions.append(function)
-    for derivative in (jac, variational.df_dp, variational.noise):
-        if isinstance(derivative, Derivative):
-            f = derivative.function
-            if isinstance(derivative, Noise) and not isinstance(f, CompiledRhs):
-                f = derivative.checked
-            functions.append(_Function(derivative.name, f, derivative.shape, derivative.check))
-    return functions
-
-
-def _unchecked(value: Any, t: float, y: Points) -> Any:
-    """Return a value of a function of this module as it is."""
-    return value

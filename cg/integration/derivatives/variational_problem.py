@@ -13,26 +13,23 @@ from cg.frames.facts import facts_of
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
+from cg.integration.derivatives.compiled_variation import compiled_variation
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.derivatives.saltation import VariationalEvents
-from cg.integration.derivatives.variational_equation import (
-    VariationalEquation,
-    compiled_variation,
-    count_parameters,
-)
+from cg.integration.derivatives.variational_equation import VariationalEquation, count_parameters
 from cg.integration.mechanics import refuse_friction
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
 from cg.support.arrays import Array, Points, check_finite, real_array
-from cg.support.caches import changed
+from cg.support.records import changed
 from cg.tables import Kind
 
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
-    """Splits points that hold derivatives.
+class DerivativeSplitter:
+    """Splits points that hold derivatives into the fields of a solution.
 
     The covariance of the initial coordinates is None or has shape ``(n, n)``, or
     ``(members, n, n)`` if the members are the last of the leading axes of the points.
@@ -41,12 +38,12 @@ class Derivatives:
     equation: VariationalEquation
     initial_covariance: Array | None
 
-    def member(self, member: int) -> Derivatives:
-        """Return the derivatives of one member."""
+    def member(self, member: int) -> DerivativeSplitter:
+        """Return the splitter of one member."""
         covariance = self.initial_covariance
         if covariance is None or covariance.ndim == 2:
             return self
-        return Derivatives(self.equation, covariance[member])
+        return DerivativeSplitter(self.equation, covariance[member])
 
     def split(self, z: Array) -> dict[str, Any]:
         """Return the fields of a solution that come from points with derivatives."""
@@ -81,34 +78,41 @@ class Derivatives:
 
         ``solution`` is that of the ``variational`` problem, whose points hold the derivatives.
         """
-        table, split = variational.events, self.equation.split
         fields: Any = self.split(solution.y)
-        if isinstance(table, VariationalEvents):
-            tables = [table] * len(problem.points)
-            if (inertia := problem.inertia) is not None:
-                frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
-                tables = [table.on_frame(frame) for frame in frames]
-            if problem.member_inputs:
-                stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
-                tables = [each.between(own) for each, own in zip(tables, stops, strict=True)]
-            assert solution.t_events is not None
-            assert solution.y_events is not None
-            fields["dt_events"] = [
-                [
-                    tables[member].time_derivatives(index, *at, problem.arguments(member))
-                    for member, at in enumerate(zip(times, points, strict=True))
-                ]
-                for index, (times, points) in enumerate(
-                    zip(solution.t_events, solution.y_events, strict=True)
-                )
-            ]
-            for name in ("y_events", "y_after"):
-                lists = getattr(solution, name)
-                fields[name] = [[split(z)[0] for z in members] for members in lists]
+        if isinstance(variational.events, VariationalEvents):
+            fields |= self._event_fields(problem, variational.events, solution)
         sol = None if solution.sol is None else solution.sol.with_derivatives(self)
         plan, nfev = problem.plan, int(solution.nfev.sum())
         refuse_friction(plan, problem.rhs, solution.t, fields["y"], nfev)
         return changed(solution, sol=sol, frame=plan.user_frame, **fields)
+
+    def _event_fields(
+        self, problem: Problem, table: VariationalEvents, solution: EnsembleSolution
+    ) -> dict[str, Any]:
+        """Return the fields of a solution that come from events at points with derivatives."""
+        tables, split = [table] * len(problem.points), self.equation.split
+        if (inertia := problem.inertia) is not None:
+            frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
+            tables = [table.on_frame(frame) for frame in frames]
+        if problem.member_inputs:
+            stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
+            tables = [each.between(own) for each, own in zip(tables, stops, strict=True)]
+        assert solution.t_events is not None
+        assert solution.y_events is not None
+        fields = {
+            name: [[split(z)[0] for z in members] for members in getattr(solution, name)]
+            for name in ("y_events", "y_after")
+        }
+        fields["dt_events"] = [
+            [
+                tables[member].time_derivatives(index, *at, problem.arguments(member))
+                for member, at in enumerate(zip(times, points, strict=True))
+            ]
+            for index, (times, points) in enumerate(
+                zip(solution.t_events, solution.y_events, strict=True)
+            )
+        ]
+        return fields
 
 
 # Tolerances of derivatives in those of the solution, without ``control_derivatives``: steps are
@@ -155,7 +159,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
         points=equation.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, equation, _stops(problem)),
-        finish=partial(Derivatives(equation, covariance).finish, problem),
+        finish=partial(DerivativeSplitter(equation, covariance).finish, problem),
     )
 
 

@@ -16,7 +16,7 @@ from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, real_array, texts_of
-from cg.support.caches import ReadOnly, filled
+from cg.support.records import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, source_method
@@ -100,7 +100,7 @@ class DenseOutput(ReadOnly):
     ((3, 4), True)
     """
 
-    _derivatives: Any = None  # splits points that hold derivatives
+    _splitter: Any = None  # a `DerivativeSplitter` if points hold derivatives
 
     def __init__(
         self, interpolants: Interpolants, t0: float, direction: float, y0: Points,
@@ -132,7 +132,7 @@ class DenseOutput(ReadOnly):
             Shape ``(*t.shape, *point_shape)``: time comes first. At an event with a jump it
             is the point after the jump.
         """
-        return self._points(t) if self._derivatives is None else self._part("y", t)
+        return self._points(t) if self._splitter is None else self._part("y", t)
 
     def transition(self, t: ArrayLike) -> Any:
         """Return transition matrices, shape ``(*t.shape, dim, dim)``; None without derivatives."""
@@ -146,14 +146,14 @@ class DenseOutput(ReadOnly):
         """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0`` and noise."""
         return self._part("covariance", t)
 
-    def with_derivatives(self, derivatives: Any) -> Self:
+    def with_derivatives(self, splitter: Any) -> Self:
         """Return the solution, whose points hold derivatives, as functions of time."""
         output = copy.copy(self)
-        output._derivatives = derivatives
+        output._splitter = splitter
         return output
 
     def _part(self, name: str, t: ArrayLike) -> Any:
-        return self._derivatives and self._derivatives.split(self._points(t))[name]
+        return self._splitter and self._splitter.split(self._points(t))[name]
 
     def _points(self, t: ArrayLike) -> Points:
         times = real_array(t, "t")
@@ -202,8 +202,8 @@ class EnsembleOutput(DenseOutput):
         return f"EnsembleOutput(t={_range(self.ts)}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
-        output, whole = self._members[member], self._derivatives
-        return output if whole is None else output.with_derivatives(whole.member(member))
+        output, splitter = self._members[member], self._splitter
+        return output if splitter is None else output.with_derivatives(splitter.member(member))
 
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)

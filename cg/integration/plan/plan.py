@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.base import Frame
-from cg.frames.compiled import constants_of, describe_blocks
+from cg.frames.blocks import constants_of, describe_blocks
 from cg.frames.facts import facts_of
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -38,7 +38,8 @@ class Plan:
         along = table.polynomial if isinstance(frame, LinearAction) else None
         self.step_table = table if along is None else along
         facts = facts_of(frame)
-        self.compiled, self._has_difference = facts.compiled, facts.has_difference
+        self._blocks, self.compiled = facts.blocks, facts.compiled
+        self._has_difference = facts.has_difference
         conditions = isinstance(frame, PhaseSpace) and frame.has_conditions
         self._has_distance_bound = self.compiled and not conditions
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
@@ -51,8 +52,7 @@ class Plan:
 
     def _open(self) -> int:
         """Open the plan in compiled code and return its address."""
-        frame, table = self.frame, self.step_table
-        known = frame.compiled_blocks()
+        frame, table, known = self.frame, self.step_table, self._blocks
         if known is None:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
             constants = frame.turning_coefficients()
@@ -104,9 +104,8 @@ class Plan:
         are measured in coordinates serves as ``point``.
         """
         frame = self.frame
-        if self.compiled:
-            blocks = frame.compiled_blocks() or ()
-            return all(block[0] != BlockKind.SPHERE for block in blocks)
+        if self._blocks is not None:
+            return all(block[0] != BlockKind.SPHERE for block in self._blocks)
         if frame.dim > _MAX_FIELDS or not facts_of(frame).has_brackets:
             return False
         fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)

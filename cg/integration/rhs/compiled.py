@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, ClassVar
 
@@ -15,8 +15,8 @@ from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
 from cg.support.arrays import Array, Points
-from cg.support.caches import filled
 from cg.support.capsules import address_in, data_in
+from cg.support.records import changed
 
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
@@ -27,7 +27,7 @@ EVENT_SIGNATURE = "double (double, double *, void *)"
 _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledRhs:
     """A compiled right-hand side, or another function of the same type."""
 
@@ -46,7 +46,7 @@ class CompiledRhs:
 
     def on_frame(self, frame: Frame) -> CompiledRhs:
         """Return the function on another frame of the same points."""
-        return replace(self, frame=frame)
+        return changed(self, frame=frame)
 
     def on(self, frame: Frame, extra: ExtraArguments = NO_EXTRA) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters and inputs.
@@ -69,7 +69,7 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return replace(self, frame=frame).with_data(extra)
+        return changed(self, frame=frame).with_data(extra)
 
     def with_data(self, extra: ExtraArguments) -> CompiledRhs:
         """Return the right-hand side with the parameters and inputs of other members."""
@@ -81,8 +81,7 @@ class CompiledRhs:
         data = extra.parameters
         if extra.inputs is not None:
             data = extra.inputs.data_with(data)
-        # much faster than replace
-        return filled(type(self), vars(self) | {"extra": extra, "data": data})
+        return changed(self, extra=extra, data=data)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.function, self.name, self.frame, self.extra)
@@ -97,7 +96,7 @@ class CompiledRhs:
         """Address of the data of the first member."""
         return self.user_data if self.data is None else address(self.data)
 
-    def failed_name(self, member: int) -> str:
+    def failed_name(self, member: int) -> str | None:
         """Return the name of the function that failed last, of a member."""
         return self.name
 

@@ -19,11 +19,9 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
-from cg.support.caches import filled
-from cg.support.checks import check_choice, check_flag
+from cg.support.checks import NO_LIMIT, check_choice, check_flag
+from cg.support.records import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
-
-_UNLIMITED = 2**62  # the event never ends the integration
 
 
 @dataclass(frozen=True)
@@ -103,9 +101,9 @@ class Event:
         terminal = self.terminal
         # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            limit = 1 if terminal else _UNLIMITED
+            limit = 1 if terminal else NO_LIMIT
         elif isinstance(terminal, int | float | np.integer) and 0 <= terminal == terminal // 1:
-            limit = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
+            limit = NO_LIMIT if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
@@ -186,7 +184,7 @@ class EventTable:
     @property
     def has_terminal(self) -> bool:
         """Whether an event can end the integration."""
-        return bool((self.rows["limit"] < _UNLIMITED).any())
+        return bool((self.rows["limit"] < NO_LIMIT).any())
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of an event's function in Python, after checking it."""

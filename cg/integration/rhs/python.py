@@ -17,8 +17,8 @@ from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
-from cg.support.caches import filled
 from cg.support.checks import short
+from cg.support.records import filled
 
 
 def when(t: Any) -> str:

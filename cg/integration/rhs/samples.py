@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, check_finite, real_array, texts_of
-from cg.support.caches import ReadOnly
 from cg.support.checks import check_choice, check_flag
+from cg.support.records import ReadOnly
 
 _LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values of lines
 

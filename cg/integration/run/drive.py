@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.frames.facts import facts_of
 from cg.integration.run.run import Run
+from cg.support.checks import NO_LIMIT
 from cg.support.parallel import raise_if_stopped
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTS
@@ -43,12 +44,12 @@ class StepCheck:
     def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
         self._run, self._warn = run, warn
         self._taken = 0  # steps of all members
-        self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
+        self._next = self._first = _FIRST_CHECK if run.control.h is None else NO_LIMIT
         self._last: str | None = None
 
     def steps_left(self) -> int:
         """Return the number of steps of a single trajectory until the next check."""
-        return max(self._next - self._taken, 1) if self._run.members == 1 else 2**62
+        return max(self._next - self._taken, 1) if self._run.members == 1 else NO_LIMIT
 
     def update(self, taken: int) -> None:
         """Count steps of all members, and check the one that has taken most if it is time."""
@@ -63,7 +64,7 @@ class StepCheck:
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
             self._warn(f"the integration takes many steps, since {difficulty}")
-            self._next = 2**62
+            self._next = NO_LIMIT
         elif difficulty and self._last is None:
             self._next = int(active[member]) + _CONFIRMED
         else:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import STAGE_SOLVERS
-from cg.integration.errors import DERIVATIVES, ConvergenceError, StepTooLongError
+from cg.integration.errors import ConvergenceError, StepTooLongError
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.checks import short
@@ -66,24 +66,13 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
     error: Exception
     match stop:
         case Stop.STAGES_NOT_SOLVED:
-            collocates = run.plan.step_table.kind is Kind.COLLOCATION
-            slow = not collocates and flag in STAGE_SOLVERS.values()
-            residual = math.nan if collocates or run.members > 1 else run.record.residual
-            reason = "it is too slow" if slow else "it diverges"
-            error = ConvergenceError(reason, flag, residual, t, run.record.step_size)
+            error = _convergence_error(run, t, flag)
         case Stop.SLOPE_NOT_FINITE:
-            point = run.plan.points(run.end[member], ())
-            slope = run.rhs.at_member(member, t, point)
-            error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
-            if not run.control.atol.all() and np.abs(slope).max() < _LARGE:
-                error = ValueError(
-                    f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, "
-                    f"y = {point}"
-                )
+            error = _first_step_error(run, member, t)
         case Stop.STOPPED_BY_RHS:
             error = RuntimeError(f"{name} returned the error code {flag} {where}")
         case Stop.RHS_NOT_FINITE:
-            kind = OverflowError if name == DERIVATIVES else ValueError
+            kind = OverflowError if name is None else ValueError
             error = kind(f"{_not_finite(run, member)}{_got(run, member, t)} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
@@ -106,10 +95,30 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
     return error
 
 
+def _convergence_error(run: Run, t: float, iterations: int) -> ConvergenceError:
+    """Return the exception for stage equations that weren't solved."""
+    collocates = run.plan.step_table.kind is Kind.COLLOCATION
+    slow = not collocates and iterations in STAGE_SOLVERS.values()
+    residual = math.nan if collocates or run.members > 1 else run.record.residual
+    reason = "it is too slow" if slow else "it diverges"
+    return ConvergenceError(reason, iterations, residual, t, run.record.step_size)
+
+
+def _first_step_error(run: Run, member: int, t: float) -> Exception:
+    """Return the exception for a first step that couldn't be chosen."""
+    point = run.plan.points(run.end[member], ())
+    slope = run.rhs.at_member(member, t, point)
+    if run.control.atol.all() or not np.abs(slope).max() < _LARGE:
+        return OverflowError(f"f is too large to choose a step at t = {t:.17g}, got {slope}")
+    return ValueError(
+        f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, y = {point}"
+    )
+
+
 def _not_finite(run: Run, member: int) -> str:
     name = run.rhs.failed_name(member)
-    if name == DERIVATIVES:
-        return f"{name} exceed the range of floating point"
+    if name is None:
+        return "derivatives of the solution exceed the range of floating point"
     return f"{name} must return finite numbers{' and write each of them' * run.rhs.written}"
 
 
