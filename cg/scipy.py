@@ -15,10 +15,10 @@ from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.linear_action import LinearAction
 from cg.frames.product import Power, Product
-from cg.integration.arguments import check_step
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
+from cg.support.checks import check_real
 from cg.tables import HasTable, table_of
 
 
@@ -99,9 +99,11 @@ class FrameSolver(OdeSolver):
                 f"y0 must be the {math.prod(frame.point_shape)} entries of a point of {frame!r}, "
                 f"got {self.n}"
             )
-        if first_step is not None and check_step("first_step", first_step) > abs(t_bound - t0):
-            raise ValueError(f"first_step must be within t_span, got {first_step!r}")
-        self._max_angle = check_step("max_angle", max_angle, infinite=True)
+        if first_step is not None:
+            first_step = check_real("first_step", first_step, positive=True)
+            if first_step > abs(t_bound - t0):
+                raise ValueError(f"first_step must be within t_span, got {first_step!r}")
+        self._max_angle = check_real("max_angle", max_angle, positive=True, infinite=True)
         self._start: tuple[float, Points, Points] | None = None  # t, y and derivative
         method = self.method
         relative = self._tolerances(rtol, "rtol")

@@ -12,7 +12,8 @@ from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import SO3, hat
-from cg.support.arrays import Array, Convention, Size, check_convention, real_array
+from cg.support.arrays import CONVENTIONS, Array, Convention, Size, real_array
+from cg.support.checks import check_choice
 
 _ZERO = 1e-12  # relative to the largest one: errors of identities, and singular values
 
@@ -65,7 +66,7 @@ class CoadjointOrbit(Frame):
     convention: Convention = "body"
 
     def __post_init__(self) -> None:
-        check_convention(self.convention)
+        check_choice("convention", self.convention, CONVENTIONS)
         if not isinstance(self.algebra, MatrixGroup):
             raise TypeError(f"algebra must be a MatrixGroup, got {self.algebra!r}")
         point = real_array(self.point, "point")

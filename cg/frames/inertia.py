@@ -237,7 +237,7 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     if getattr(frame, "convention", "") != "body":
         raise ValueError(
             f"{name} must be a multiple of the identity on {frame!r}, got {matrix.tolist()}: in "
-            'space axes it changes with the attitude; take convention="body"'
+            "space axes it changes with the attitude; take convention='body'"
         )
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]

@@ -18,7 +18,7 @@ from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
-from cg.support.checks import check_choice, short
+from cg.support.checks import check_choice, check_real, short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
 Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
@@ -103,10 +103,7 @@ class Joint:
                 f"length must be given with 'distance' alone, got {length} with {kind!r}"
             )
         if length is not None:
-            value = real_array(length, "length")
-            if value.shape or not 0.0 < value < np.inf:
-                raise ValueError(f"length must be a positive number, got {length!r}")
-            length = float(value)
+            length = check_real("length", length, positive=True)
         vars(self).update(kind=kind, first=both[0], second=both[1], length=length)
 
     def __len__(self) -> int:

@@ -21,7 +21,8 @@ from cg.frames.matrix_functions import (
 )
 from cg.frames.matrix_group import Entries, MatrixGroup, entries_of
 from cg.frames.orthonormal import OrthonormalColumns
-from cg.support.arrays import Array, Convention, Points, check_convention
+from cg.support.arrays import CONVENTIONS, Array, Convention, Points
+from cg.support.checks import check_choice
 from cg.support.shared_numbers import BlockKind
 
 
@@ -43,7 +44,7 @@ class SizedMatrixGroup(Sized, MatrixGroup):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_convention(self.convention)
+        check_choice("convention", self.convention, CONVENTIONS)
 
     @property
     def size(self) -> int:

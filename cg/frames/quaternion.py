@@ -12,8 +12,8 @@ from cg.frames.base import CompiledFlow
 from cg.frames.blocks import Blocks, convention_option, coordinates_between
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import is_rotation
-from cg.support.arrays import Array, Convention, Points, check_convention
-from cg.support.checks import check_flag
+from cg.support.arrays import CONVENTIONS, Array, Convention, Points
+from cg.support.checks import check_choice, check_flag
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
     scalar_first: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_convention(self.convention)
+        check_choice("convention", self.convention, CONVENTIONS)
         object.__setattr__(self, "scalar_first", check_flag("scalar_first", self.scalar_first))
 
     @property

@@ -7,7 +7,6 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
-from numbers import Real
 from os import PathLike
 from typing import Any, TypedDict, TypeVar
 
@@ -21,7 +20,14 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import NO_LIMIT, check_flag, check_integer, short, similar_names
+from cg.support.checks import (
+    NO_LIMIT,
+    check_flag,
+    check_integer,
+    check_number,
+    short,
+    similar_names,
+)
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable
@@ -92,36 +98,11 @@ def check_resolution(h: float | None, t: float) -> None:
         raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
 
 
-def check_step(name: str, value: Any, *, infinite: bool = False) -> float:
-    """Return a step size; TypeError or ValueError unless it is positive."""
-    size = check_number(name, value)
-    if not size > 0.0 or (math.isinf(size) and not infinite):
-        raise ValueError(
-            f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
-        )
-    return size
-
-
-def check_number(name: str, value: Any) -> float:
-    """Return a real number as a float, infinite beyond the range of doubles; else TypeError."""
-    if type(value) is float:
-        return value
-    is_real = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_real:
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
 def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
     if type(rtol) is float and _MIN_RTOL <= rtol < math.inf:  # the usual case, in little time
         return np.array(rtol)
-    many = isinstance(rtol, list | tuple | np.ndarray)
-    numbers = rtol if many else np.array(check_number("rtol", rtol))
-    tolerances = _check_tolerances("rtol", numbers, rtol)
+    tolerances = _check_tolerances("rtol", rtol)
     if tolerances.min() < _MIN_RTOL:
         which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
         warnings.warn(
@@ -132,14 +113,15 @@ def check_rtol(rtol: Any) -> Array:
 
 def check_atol(atol: ArrayLike | None) -> Array:
     """Return the absolute tolerances or the default; ValueError if one is negative."""
-    return DEFAULT_ATOL if atol is None else _check_tolerances("atol", atol, atol)
+    return DEFAULT_ATOL if atol is None else _check_tolerances("atol", atol)
 
 
-def _check_tolerances(name: str, numbers: ArrayLike, value: Any) -> Array:
-    """Return numbers after checking them; ``value`` is the argument that they were made of."""
-    if type(numbers) is float and 0.0 <= numbers < math.inf:
-        return np.array(numbers)
-    tolerances = real_array(numbers, name)
+def _check_tolerances(name: str, value: Any) -> Array:
+    """Return one or several tolerances after checking them."""
+    if type(value) is float and 0.0 <= value < math.inf:
+        return np.array(value)
+    many = hasattr(value, "__len__") and not isinstance(value, str)
+    tolerances = real_array(value if many else check_number(name, value), name)
     if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
         raise ValueError(f"{name} must be finite and not negative, got {short(value)}")
     return tolerances

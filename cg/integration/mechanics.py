@@ -150,14 +150,13 @@ def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
     if table.kind is not Kind.SPLITTING:
         raise ValueError(
-            "thermostat needs a splitting method on a phase space, 'Leapfrog' or, with joints, "
-            "'RATTLE': others have no part of a step that is noise alone, the method is "
-            f"{table!r}"
+            "method must be a splitting method with a thermostat, 'Leapfrog' or, with joints, "
+            f"'RATTLE', since others have no part of a step that is noise alone, got {table!r}"
         )
     if not is_symmetric(table):
         raise ValueError(
-            "thermostat needs a symmetric method, in whose middle the noise is, the method is "
-            f"{table!r}"
+            "method must be symmetric with a thermostat, whose noise is in the middle of a step, "
+            f"got {table!r}"
         )
     if options["derivatives"] is not None:
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
@@ -242,8 +241,8 @@ def step_function_of(
         return None
     if plan.table.kind is not Kind.SPLITTING or not is_symmetric(plan.table):
         raise ValueError(
-            "step_function needs a symmetric splitting method, whose steps can be reversed, the "
-            f"method is {plan.table!r}"
+            "method must be a symmetric splitting method with a step_function, whose steps can be "
+            f"reversed, got {plan.table!r}"
         )
     for name in ("thermostat", "derivatives", "common_steps"):
         if options[name]:

@@ -46,7 +46,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, texts_of
-from cg.support.checks import NO_LIMIT, check_choice, short
+from cg.support.checks import NO_LIMIT, check_choice, check_real, short
 from cg.support.records import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
@@ -193,7 +193,7 @@ def _make_control(
     plan: Plan, in_coordinates: bool, rtol: Array, options: EnsembleOptions, span: float
 ) -> Control:
     """Return the step size control after checking its options; ``rtol`` has been checked."""
-    max_step = arguments.check_step("max_step", options["max_step"], infinite=True)
+    max_step = check_real("max_step", options["max_step"], positive=True, infinite=True)
     max_steps, first_step = arguments.DEFAULT_MAX_STEPS, options["first_step"]
     if options["max_steps"] is not None:
         max_steps = arguments.check_count("max_steps", options["max_steps"])
@@ -201,10 +201,11 @@ def _make_control(
         return _equal_steps(plan, options, span, max_step, max_steps)
     _check_pair(plan, options)
     rtol, atol = _read_tolerances(plan, in_coordinates, rtol, options)
-    first = None if first_step is None else arguments.check_step("first_step", first_step)
-    if first is not None and first > span:
+    if first_step is not None:
+        first_step = check_real("first_step", first_step, positive=True)
+    if first_step is not None and first_step > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, rtol, atol, max_step, first, max_steps)
+    return Control(None, rtol, atol, max_step, first_step, max_steps)
 
 
 def _equal_steps(
@@ -216,7 +217,7 @@ def _equal_steps(
         if options[name] is not None and not (varies and name == "max_steps"):
             raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
     _warn(plan.table, pair=False)
-    size = arguments.check_step("h", options["h"])
+    size = check_real("h", options["h"], positive=True)
     if math.isinf(span):
         raise ValueError("t_span must be finite with h, got an infinite end")
     if size > max_step:
@@ -228,7 +229,10 @@ def _equal_steps(
 def _check_pair(plan: Plan, options: EnsembleOptions) -> None:
     """Raise ValueError unless the method estimates errors, by which steps are chosen."""
     if plan.table.kind is Kind.SPLITTING:
-        raise ValueError(f"{plan.table!r} needs h: steps of splitting methods have a fixed size")
+        raise ValueError(
+            f"h must be given with {plan.table!r}, since steps of splitting methods have a fixed "
+            "size, got None"
+        )
     if not plan.step_table.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
@@ -387,8 +391,8 @@ def _check_choices(options: EnsembleOptions, ensemble: bool) -> None:
     for name in refused:
         value = given[name]
         if value is not None and value is not False:
-            needed = "derivatives='forward'" + " or 'adjoint'" * (name == "df_dp")
-            raise ValueError(f"{name} needs {needed}, got {derivatives!r} with {short(value)}")
+            needed = "'forward'" + " or 'adjoint'" * (name == "df_dp")
+            raise ValueError(f"derivatives must be {needed} with {name}, got {derivatives!r}")
 
 
 def _read_members(

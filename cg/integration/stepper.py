@@ -23,7 +23,6 @@ from cg.integration.arguments import (
     check_args,
     check_real_time,
     check_resolution,
-    check_step,
     check_stops,
     complete_options,
     expand_options,
@@ -43,7 +42,7 @@ from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, texts_of
-from cg.support.checks import NO_LIMIT, short
+from cg.support.checks import NO_LIMIT, check_real, short
 from cg.support.records import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -160,7 +159,7 @@ class Stepper:
         if numbers is not None:
             check_finite("parameters", numbers if many else numbers[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
-        self._first_step = None if first is None else check_step("first_step", first)
+        self._first_step = None if first is None else check_real("first_step", first, positive=True)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         if len(self._breakpoints):
             check_abscissae(self.table, "breakpoints")
@@ -365,7 +364,9 @@ class Stepper:
             rows = run.plan.doubles(points)
         if first_step is not None and run.control.h is not None:
             raise ValueError(f"first_step must be None with h, got {first_step!r}")
-        first = self._first_step if first_step is None else check_step("first_step", first_step)
+        first = self._first_step
+        if first_step is not None:
+            first = check_real("first_step", first_step, positive=True)
         same_f = args is None and parameters is None and inputs is None
         replaced = y is not None or not same_f
         if first_step is None and t is None and replaced and self.status != "failed":

@@ -88,7 +88,7 @@ def opacity_of(members: list[Any]) -> float:
 def check_stored(solution: Any, name: str) -> None:
     """Raise ValueError if a solution stores no points."""
     if getattr(solution, "y", solution) is None:
-        raise ValueError(f'{name} must have points, got a solution with store="observed"')
+        raise ValueError(f"{name} must have points, got a solution with store='observed'")
 
 
 def drawn(y: Any) -> tuple[Frame | None, NDArray[np.float64] | None, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, TypeGuard
+from typing import Any, Literal, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ Points = NDArray[Any]
 """Points and tangents, of type float64 or complex128 as given by `Frame.dtype`."""
 
 Convention = Literal["body", "space"]
+CONVENTIONS = get_args(Convention)
 
 _MAX_POINTS = 2**40  # exceeds the memory of any machine
 
@@ -110,12 +111,6 @@ def check_name(name: Any) -> None:
     """Raise TypeError unless ``name`` is a non-empty string."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"name must be a non-empty string, got {name!r}")
-
-
-def check_convention(convention: Any) -> None:
-    """Raise ValueError unless ``convention`` is "body" or "space"."""
-    if not isinstance(convention, str) or convention not in ("body", "space"):
-        raise ValueError(f'convention must be "body" or "space", got {convention!r}')
 
 
 def check_random(rng: Any, size: Any) -> tuple[int, ...]:

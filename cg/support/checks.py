@@ -54,9 +54,10 @@ def check_instance(name: str, value: Any, kind: type) -> None:
 
 
 def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
-    """Raise ValueError unless a value is one of some texts."""
+    """Raise TypeError unless a value is a text, ValueError unless it is one of some texts."""
     if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
+        error = ValueError if isinstance(value, str) else TypeError
+        raise error(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
 
 
 def check_generator(name: str, value: Any) -> np.random.Generator:
@@ -68,17 +69,29 @@ def check_generator(name: str, value: Any) -> np.random.Generator:
     return value
 
 
-def check_real(name: str, value: Any, *, positive: bool = False, upper: float = math.inf) -> float:
-    """Return `value` as a float; ValueError if it isn't finite or is out of range."""
-    number = math.nan
-    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
-        try:
-            number = float(value)
-        except OverflowError:  # an int beyond all doubles
-            number = math.inf
-    if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
-        kind = "finite positive number" if positive else "finite number, not negative"
-        raise ValueError(f"{name} must be a {kind}, got {value!r}")
+def check_number(name: str, value: Any) -> float:
+    """Return a real number as a float, infinite beyond the range of doubles; else TypeError."""
+    if type(value) is float:
+        return value
+    is_real = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_real:
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def check_real(
+    name: str, value: Any, *, positive: bool = False, infinite: bool = False,
+    upper: float = math.inf,
+) -> float:  # fmt: skip
+    """Return `value` as a float; TypeError if it isn't a number, ValueError if out of range."""
+    number = check_number(name, value)
+    in_range = number > 0.0 if positive else number >= 0.0  # NaN isn't
+    if not in_range or (math.isinf(number) and not infinite):
+        kind = "positive" if positive else "not negative"
+        raise ValueError(f"{name} must be {'' if infinite else 'finite and '}{kind}, got {value!r}")
     if number > upper:
         raise ValueError(f"{name} must be at most {upper:g}, got {value!r}")
     return number
@@ -100,15 +113,12 @@ def check_integer(name: str, value: Any, lower: int, upper: int | None = None) -
 
 
 def check_interval(name: str, value: Any) -> tuple[float, float]:
-    """Return two numbers as floats; ValueError unless they are finite and increasing."""
-    try:
-        numbers = np.asarray(value) if isinstance(value, tuple | list | np.ndarray) else np.empty(0)
-    except ValueError:  # rows of several lengths
-        numbers = np.empty(0)
-    if numbers.shape == (2,) and numbers.dtype.kind in "iuf" and np.isfinite(numbers).all():
-        lower, upper = map(float, numbers)
-        if lower < upper:
-            return lower, upper
+    """Return two numbers as floats; TypeError, or ValueError unless they are finite and grow."""
+    if not isinstance(value, tuple | list | np.ndarray):
+        raise TypeError(f"{name} must be two increasing finite numbers, got {value!r}")
+    numbers = [check_number(name, number) for number in value]
+    if len(numbers) == 2 and -math.inf < numbers[0] < numbers[1] < math.inf:
+        return numbers[0], numbers[1]
     raise ValueError(f"{name} must be two increasing finite numbers, got {value!r}")
 
 

@@ -241,7 +241,7 @@ def test_intervals_are_named_as_they_were_given(interval):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"width": 0}, "width must be a finite positive number, got 0"),
+    ({"width": 0}, "width must be finite and positive, got 0"),
     ({"flows": 5, "hold": {"c[2]": "1/2"}}, "with flows, got {'c_2': '1/2'}"),
 ])  # fmt: skip
 def test_refused_arguments_are_shown_as_values(options, message):

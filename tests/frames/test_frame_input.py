@@ -83,7 +83,7 @@ def field_frame(**changes):
         (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
         for n in (None, 1.0, np.nan)
     ),
-    (lambda: fr.UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
+    (lambda: fr.UnitQuaternion(np.array(["body"])), TypeError, "convention must be .* got array"),
     (lambda: fr.CoadjointOrbit(fr.SO3(), MASKED), ValueError, "point must be an array of real"),
     (lambda: TWO.join(np.eye(3)), ValueError, "parts must be 2 points, got"),
     (lambda: TWO.join(np.eye(3), [1, 2]), ValueError, "must have shape"),

@@ -249,7 +249,7 @@ END = (0, [0.0, 0.0, 0.0])
     (("fixed", END, (1, NEXT, 2 * np.eye(3))), {}, ValueError, "columns of a rotation matrix"),
     (("ball", END, (1, NEXT)), {"length": 1.0}, ValueError, "'distance' alone"),
     (("distance", END, (1, NEXT)), {}, ValueError, "'distance' alone"),
-    (("distance", END, (1, NEXT)), {"length": -1.0}, ValueError, "length must be a positive"),
+    (("distance", END, (1, NEXT)), {"length": -1.0}, ValueError, "length must be finite and pos"),
 ])  # fmt: skip
 def test_joints_are_checked(arguments, options, error, message):
     refuses(error, message, Joint, *arguments, **options)

@@ -60,7 +60,7 @@ def test_inertia_of_equal_and_of_different_factors():
 
 
 @pytest.mark.parametrize(("frame", "inertia", "message"), [
-    (fr.SO3("space"), INERTIA, 'in space axes .* take convention="body"'),
+    (fr.SO3("space"), INERTIA, "in space axes .* take convention='body'"),
     (fr.UnitQuaternion("space"), MATRIX, "must be a multiple of the identity"),
     (fr.SU(3), np.arange(1.0, 9.0), "invariant on both sides"),
     (fr.SO(4), [1.0] * 5 + [2.0], "invariant on both sides"),

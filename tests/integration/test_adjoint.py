@@ -135,11 +135,11 @@ NO_BRACKETS = cg.frames.MatrixFrame([np.tri(3), np.tri(3).T])
 
 @pytest.mark.parametrize(("call", "change", "message"), [
     (cg.solve_variational, {"derivatives": "backward"}, "derivatives must .*, got 'backward'"),
-    (cg.solve_variational, {"P0": np.eye(3)}, "P0 needs derivatives='forward', got 'adj"),
-    (cg.solve_variational, {"noise": np.eye(3)}, "noise needs derivatives='forward', got"),
-    (cg.solve_variational, {"control_derivatives": True}, "control_derivatives needs .*, got"),
+    (cg.solve_variational, {"P0": np.eye(3)}, "derivatives must be 'forward' with P0, got 'adj"),
+    (cg.solve_variational, {"noise": np.eye(3)}, "derivatives must be 'forward' with noise, got"),
+    (cg.solve_variational, {"control_derivatives": True}, "must be .* control_derivatives, got"),
     (cg.solve_variational, {"events": lambda t, y: y[0, 0]}, "events must be None .*, got 1"),
-    (cg.solve_linear, {"df_dp": never, "derivatives": None}, "df_dp needs .* or 'adjoint', got"),
+    (cg.solve_linear, {"df_dp": never, "derivatives": None}, "must be .* or 'adjoint' with df"),
     (cg.solve_linear, {"df_dp": never}, "parameters must be given with df_dp"),
     (cg.solve_linear, {"frame": NO_BRACKETS}, "frame must be a LinearAction or know the brac"),
 ])  # fmt: skip

@@ -140,12 +140,12 @@ def test_signatures_show_all_options():
     ({"rtol": [1e-3, 1e-3]}, ValueError, r"rtol must be a number or have shape \(3,\)"),
     ({"atol": -1.0}, ValueError, "atol must be finite and not negative"),
     ({"atol": [1e-6, 1e-6]}, ValueError, r"atol must be a number or have shape \(3,\)"),
-    ({"atol": "low"}, ValueError, "atol must be an array of real numbers"),
+    ({"atol": "low"}, TypeError, "atol must be a real number"),
     *(
-        ({"h": value}, ValueError, "h must be positive and finite, got")
+        ({"h": value}, ValueError, "h must be finite and positive, got")
         for value in (0.0, -0.1, np.nan, np.inf, np.float32("inf"), HUGE)
     ),
-    ({"h": Fraction(1, HUGE)}, ValueError, "h must be positive and finite, got"),
+    ({"h": Fraction(1, HUGE)}, ValueError, "h must be finite and positive, got"),
     ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
     ({"t_span": (0, 1), "h": 1e-300}, ValueError, "h is too small"),
     ({"h": 1e-9, "t_eval": [0.5], "dense_output": True}, ValueError, ".* need .* got 1e-09"),
@@ -159,7 +159,7 @@ def test_signatures_show_all_options():
     ({"max_steps": 0}, ValueError, "max_steps must be at least 1, got 0"),
     ({"max_steps": 1e3}, TypeError, "max_steps must be an integer, got 1000.0"),
     ({"save_every": 0}, ValueError, "save_every must be at least 1, got 0"),
-    ({"first_step": 0.0}, ValueError, "first_step must be positive"),
+    ({"first_step": 0.0}, ValueError, "first_step must be finite and positive"),
     ({"first_step": 2.0, "t_span": (0, 1)}, ValueError, "first_step must not exceed the leng"),
     ({"t_eval": [0.1, 2.0]}, ValueError, "t_eval must lie within t_span, 0 to 1"),
     ({"t_eval": [np.nan]}, ValueError, "t_eval must lie within t_span"),
@@ -186,7 +186,7 @@ def test_signatures_show_all_options():
     ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
     ({"linear": True, "jac": never}, ValueError, "jac must be None with linear=True"),
     ({"linear": True, **FORWARD}, ValueError, "derivatives must be None.* with linear=True"),
-    ({"derivatives": None, "P0": np.eye(3)}, ValueError, "(P0 needs .*, got|must not be) None"),
+    ({"derivatives": None, "P0": np.eye(3)}, ValueError, "(must be .* P0, got|must not be) None"),
 ])  # fmt: skip
 def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     check_rejected(CALLS, changes, error, message)
@@ -244,7 +244,7 @@ def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
 @pytest.mark.parametrize(("changes", "message"), [
     ({"y0": [1.0, 2.0]}, "y0 must have shape"),
     ({"y0": [np.nan]}, "y0 must be finite"),
-    ({"h": -0.1}, "h must be positive"),
+    ({"h": -0.1}, "h must be finite and positive"),
     ({"h": 1e-15}, "h is too small for t_span: 1000000000000000 steps need"),
     ({"args": (1,)}, "args must be None for a compiled f"),
     ({"vectorized": True, "y0": [[1.0]]}, "vectorized must be False for a compiled f"),

@@ -154,13 +154,11 @@ def test_what_it_refuses():
     y0 = np.eye(4, 2)
     with pytest.raises(ValueError, match=r"f must return an array of shape \(4, 2\), got shape"):
         cg.solve_ivp(lambda t, y: np.zeros(8), (0, 1), y0, frame=frame, rhs="derivative")
-    with pytest.raises(ValueError, match='rhs="derivative" takes derivatives of y'):
+    with pytest.raises(ValueError, match="rhs='derivative' takes derivatives of y"):
         cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame)
     with pytest.raises(OverflowError, match="can't be computed in double precision"):
         LowRankStiefel(4, 2).flow(np.full(8, 1e4), y0)
-    with pytest.raises(
-        ValueError, match=r"rhs must be one of .coefficients., .derivative., got None"
-    ):
+    with pytest.raises(TypeError, match=r"rhs must be one of .coefficients., .*, got None"):
         cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame, rhs=None)
     space = cg.frames.PhaseSpace(cg.frames.SO3())
     with pytest.raises(ValueError, match="rhs must be 'coefficients' on a phase space"):

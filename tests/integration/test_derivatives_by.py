@@ -131,7 +131,7 @@ class TestDirections:
         assert all(np.array_equal(kept, copy) for _, kept, copy in calls)
 
     @pytest.mark.parametrize(("by", "message"), [
-        ("initial", "must be \"point\", \"parameters\" or a matrix"),
+        ("initial", "must be 'point', 'parameters' or a matrix"),
         (np.eye(4), "must have 5 rows"), (np.full((5, 1), np.inf), "must be finite"),
     ])  # fmt: skip
     def test_bad_directions(self, by, message):
@@ -149,6 +149,6 @@ class TestDirections:
         with pytest.raises(ValueError, match="derivatives_by must be None with P0"):
             solve(SO3(), np.eye(3), derivatives_by="point", P0=np.eye(3))
         with pytest.raises(
-            ValueError, match="derivatives_by needs derivatives='forward', got None"
+            ValueError, match="derivatives must be 'forward' with derivatives_by, got None"
         ):
             cg.solve_ivp(lambda t, y: y[0], (0, 1), np.eye(3), frame=SO3(), derivatives_by="point")

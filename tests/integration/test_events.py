@@ -87,10 +87,10 @@ def test_bad_values_are_refused(value, message):
 
 
 @pytest.mark.parametrize(("name", "value", "error"), [
-    *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-    *(("direction", value, ValueError) for value in ("up", "1", np.nan)),
-    ("jump", 3, TypeError),
-    *(("period", value, ValueError) for value in (0.0, -1.0, np.inf, np.nan, "2π", True)),
+    *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1)),
+    *((name, "1", TypeError) for name in ("terminal", "direction", "period")),
+    ("direction", np.nan, ValueError), ("jump", 3, TypeError), ("period", True, TypeError),
+    *(("period", value, ValueError) for value in (0.0, -1.0, np.inf, np.nan)),
 ])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
     refuses(error, rf"^event\.{name} must be", cg.Event, height, **{name: value})

@@ -104,7 +104,7 @@ def test_a_force_of_another_shape_is_refused():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"h": None, "rtol": 1e-6}, "needs h: steps of splitting"),
+    ({"h": None, "rtol": 1e-6}, "h must be given with .*, since steps of splitting"),
     ({"frame": Product(SO3(), Euclidean(3))}, "frame must be a cg.frames.PhaseSpace"),
     ({"f": lambda t, y: -y[-3:]}, "f must not depend on the momentum"),
     ({"f": lambda t, y: -t * y[-3:]}, "f must not depend on the momentum"),

@@ -131,7 +131,7 @@ def test_the_derivative_of_the_point_is_recognised(frame, batch):
         else:
             cg.solve_ivp(f, (0, 1), start, frame=frame)
 
-    with pytest.raises(ValueError, match='rhs="derivative" takes derivatives of y'):
+    with pytest.raises(ValueError, match="rhs='derivative' takes derivatives of y"):
         solve(lambda t, y: np.zeros_like(y))
 
 

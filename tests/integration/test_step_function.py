@@ -134,7 +134,7 @@ def test_on_rotations_and_parameters():
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"method": "DOP853", "h": None}, "step_function needs a symmetric splitting"),
+    ({"method": "DOP853", "h": None}, "method must be a symmetric splitting method with"),
     ({"method": cg.Splitting([0, "2/3", "1/3"], ["1/4", "3/4"])}, "symmetric splitting method"),
     ({"thermostat": cg.Langevin(1.0, 1.0)}, "step_function must be None with thermostat"),
     ({"derivatives": "forward"}, "step_function must be None with derivatives"),

@@ -306,7 +306,7 @@ def test_bad_values(jac, error, message):
     refuses(error, message, solve, jac=jac)
     refuses(
         ValueError,
-        "jac needs method=.RadauIIA5. or derivatives, the method is .*DP5|RKMK8",
+        "method must be .RadauIIA5. with jac but without derivatives, got .*DP5|RKMK8",
         solve,
         method="auto",
         jac=jacobian,

@@ -93,7 +93,7 @@ def masked(x):
     (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
     (lambda: ConditionSystem.tableau(3, 3, "half"), ValueError, "rows must be one of explicit"),
     (lambda: optimise(None), TypeError, "candidate must be a Candidate, got None"),
-    (lambda: optimise(POINT, coefficients=True), ValueError, "coefficients must be a finite"),
+    (lambda: optimise(POINT, coefficients=True), TypeError, "coefficients must be a real"),
     (lambda: optimise(POINT, max_iterations=1.5), TypeError, "max_iterations must be"),
     *((lambda i=i: forest(3).tree(i), TypeError, "index must be an int") for i in (1.0, "1")),
     (lambda: forest(3).is_independent(None), TypeError, "index must be an integer, got None"),

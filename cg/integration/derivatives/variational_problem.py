@@ -191,8 +191,8 @@ def _check_problem(problem: Problem, options: Options) -> None:
         )
     if not problem.keeps_points:
         raise ValueError(
-            'store must be "all" where solutions have derivatives, which belong to points, got '
-            '"observed"'
+            "store must be 'all' where solutions have derivatives, which belong to points, got "
+            "'observed'"
         )
 
 
@@ -222,10 +222,10 @@ def _directions(options: Options, n: int, k: int, noise: Any) -> Array:
     if isinstance(chosen, str):
         if chosen not in ("point", "parameters"):
             raise ValueError(
-                f'derivatives_by must be "point", "parameters" or a matrix, got {chosen!r}'
+                f"derivatives_by must be 'point', 'parameters' or a matrix, got {chosen!r}"
             )
         if chosen == "parameters" and not k:
-            raise ValueError('parameters must be given with derivatives_by="parameters", got None')
+            raise ValueError("parameters must be given with derivatives_by='parameters', got None")
         return np.eye(n + k)[:, slice(n) if chosen == "point" else slice(n, None)]
     matrix = real_array(chosen, "derivatives_by")
     if matrix.ndim != 2 or len(matrix) != n + k or not matrix.size:

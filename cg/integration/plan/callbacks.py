@@ -104,7 +104,9 @@ def jacobian_of(
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     if table.kind is not Kind.COLLOCATION:
-        raise ValueError(f'jac needs method="RadauIIA5" or derivatives, the method is {table!r}')
+        raise ValueError(
+            f"method must be 'RadauIIA5' with jac but without derivatives, got {table!r}"
+        )
     is_sparse = hasattr(jac, "tocsc")
     constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
     shape = frame.dim, frame.dim

@@ -19,7 +19,7 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
 from cg.support.arrays import Array, Points
-from cg.support.checks import NO_LIMIT, check_choice, check_flag
+from cg.support.checks import NO_LIMIT, check_choice, check_flag, check_number, check_real
 from cg.support.records import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
 
@@ -105,15 +105,15 @@ class Event:
         elif isinstance(terminal, int | float | np.integer) and 0 <= terminal == terminal // 1:
             limit = NO_LIMIT if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
-            raise ValueError(
+            error = ValueError if isinstance(terminal, Real) else TypeError
+            raise error(
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
             )
-        direction, period = self.direction, self.period
-        if not isinstance(direction, Real) or math.isnan(direction):
+        direction = check_number(f"{name}.direction", self.direction)
+        if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {direction!r}")
-        is_real = isinstance(period, Real) and period is not True
-        if period is not None and not (is_real and 0.0 < period < math.inf):
-            raise ValueError(f"{name}.period must be a positive number or None, got {period!r}")
+        if self.period is not None:
+            check_real(f"{name}.period", self.period, positive=True)
         flag = check_flag(f"{name}.vectorized", self.vectorized)
         if flag and compiled_event(self.function) is not None:
             raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")

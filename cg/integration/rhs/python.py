@@ -87,7 +87,7 @@ class Check:
             return vee if hasattr(frame, "vee") else ""
         # forces on phase spaces are no coefficients of all fields
         derivative = shape[self.vectorized :] == frame.point_shape and frame.rhs_dim == frame.dim
-        return '; rhs="derivative" takes derivatives of y' if derivative else ""
+        return "; rhs='derivative' takes derivatives of y" if derivative else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
         """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, check_finite, real_array, texts_of
-from cg.support.checks import check_choice, check_flag
+from cg.support.checks import check_choice, check_flag, check_number
 from cg.support.records import ReadOnly
 
 _LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values of lines
@@ -259,12 +259,12 @@ class Samples(ReadOnly):
         return [-math.inf, *starts[1:]], starts, rows
 
     def _read_end(self, end: Any) -> float:
-        value = real_array(end, "end")
+        value = check_number("end", end)
         if self.kind != "hold":
             raise ValueError(f"end must be None for kind {self.kind!r}, got {end!r}")
-        if value.shape != () or not self.times[-1] < value < np.inf:
+        if not self.times[-1] < value < np.inf:
             raise ValueError(f"end must be after the last time {self.times[-1]:.17g}, got {end!r}")
-        return float(value)
+        return value
 
     def __repr__(self) -> str:
         of = "" if self.members is None else f", members={self.members}"

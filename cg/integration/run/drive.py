@@ -16,7 +16,7 @@ from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTS
 from cg.tables import Kind
 
-_STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
+_STIFF = "the equation is stiff, for which method='RadauIIA5' takes larger steps"
 _REJECTED = (
     "many are rejected, as where f jumps or has kinks: name known times of jumps as "
     "breakpoints; where the solution meets a jump, end it by a terminal event, and continue with "
