@@ -6,14 +6,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from cg.frames.linear_action import LinearAction, on_one_pattern
-from cg.integration.arguments import check_count
 from cg.integration.ivp import solve_linear
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array
+from cg.support.checks import check_count
 
 try:
     from qutip import Qobj
@@ -72,7 +71,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
         for place, part in zip(places, parts, strict=True):
             self._values[place] += part
-        self._stops: dict[float, NDArray[np.float64]] = {}
+        self._stops: dict[float, Array] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 
@@ -163,7 +162,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         for self._t, self._y in zip(given[1:].tolist(), solution.y[places], strict=True):
             yield self._t, fast_from_numpy(self._y)  # complex and in order; no check takes time
 
-    def _solve(self, times: NDArray[np.float64]) -> Any:
+    def _solve(self, times: Array) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
         options |= {n: self.options[n] for n in ("max_step", "first_step") if self.options[n]}
         if "max_step" not in options and not all(
@@ -184,7 +183,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             **options,
         )
 
-    def _times_of_arrays(self, rtol: float) -> NDArray[np.float64]:
+    def _times_of_arrays(self, rtol: float) -> Array:
         """Return the times at which steps end because of coefficients from arrays."""
         if rtol not in self._stops:
             self._stops[rtol] = _times_of_arrays(self._functions, rtol)

@@ -148,7 +148,7 @@ class FrameSolver(OdeSolver):
             stepper.restart(t=self.t if moved else None, y=y)
         if (self.t_bound - self.t) * self.direction < 0.0:
             raise ValueError(
-                f"t_bound must not lie behind t = {self.t:.17g}, got {self.t_bound:.17g}"
+                f"t_bound must not lie before t = {self.t:.17g}, got {self.t_bound:.17g}"
             )
         message = stepper.step(self._bound())
         self._start = None

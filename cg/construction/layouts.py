@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.construction.points import START, MethodError, Point, PointTree, tree_of_rows
+from cg.support.arrays import read_only
 from cg.support.checks import check_integer
 
 T = TypeVar("T")
@@ -262,9 +263,7 @@ class Layout:
             *map(len, self.weights),
             *(stage + 1 for stage in self.stage_of.tolist()),
         ]
-        code = np.array(numbers, dtype=np.intc)
-        code.flags.writeable = False
-        return code
+        return read_only(np.array(numbers, dtype=np.intc))
 
 
 @lru_cache(maxsize=64)

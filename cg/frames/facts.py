@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -58,17 +58,10 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     return partial(frame.dexpinv if blocks is None else partial(dexpinv, blocks), order=order)
 
 
-class DerivativeFrames(NamedTuple):
-    """The frames of right-hand sides that return derivatives of points."""
-
-    fastest: Frame
-    with_brackets: Frame
-
-
 @cached_by_value
-def for_derivatives(frame: Frame) -> DerivativeFrames:
+def for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
     """Return `Frame.for_derivatives` without and with brackets."""
-    return DerivativeFrames(frame.for_derivatives(), frame.for_derivatives(with_brackets=True))
+    return frame.for_derivatives(), frame.for_derivatives(with_brackets=True)
 
 
 def check_brackets(frame: Frame, method: object) -> None:

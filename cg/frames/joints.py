@@ -424,7 +424,7 @@ class Linkage:
         """
         this = weakref.ref(self)
 
-        def evaluate(_: int, depth: Array, doubles: Array) -> NDArray[np.float64]:
+        def evaluate(_: int, depth: Array, doubles: Array) -> Array:
             self = this()
             assert self is not None
             frame = self._frame.configuration

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.base import CompiledFlow
 from cg.frames.blocks import Blocks
 from cg.frames.user import UserFrame
-from cg.support.arrays import Array, Points, conversion_hint, is_qobj
+from cg.support.arrays import Array, Points, conversion_hint, is_qobj, read_only
 from cg.support.checks import check_flag, check_integer, short
 from cg.support.shared_numbers import BlockKind
 
@@ -99,8 +99,7 @@ class LinearAction(CompiledFlow, UserFrame):
         self._store(*on_one_pattern(matrices), columns)
 
     def _store(self, pattern: Pattern, values: Points, columns: int | None) -> None:
-        values.flags.writeable = False
-        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
+        vars(self).update(_pattern=pattern, _values=read_only(values), _columns=columns)
         self._store_functions()
 
     @classmethod

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
-from cg.support.arrays import Array, Points, check_finite, is_qobj, number_array
+from cg.support.arrays import Array, Points, check_finite, is_qobj, number_array, read_only
 from cg.support.checks import check_integer
 
 
@@ -57,8 +57,7 @@ class MatrixFrame(UserFrame):
         check_finite("matrices", array)
         if columns is not None:
             columns = check_integer("columns", columns, 1)
-        array.flags.writeable = False
-        vars(self).update(_matrices=array, _columns=columns)
+        vars(self).update(_matrices=read_only(array), _columns=columns)
         self._store_functions(
             membership_error=membership_error,
             restore=restore,

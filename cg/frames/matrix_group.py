@@ -16,7 +16,7 @@ from cg.frames.base import Frame
 from cg.frames.blocks import CLOSED_COORDINATES, Block, coordinates_between, move
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm, real_log1p
-from cg.support.arrays import Array, Convention, Points, Size
+from cg.support.arrays import Array, Convention, Points, Size, read_only
 
 MAX_DENSE = 16
 """Largest number of rows for which products with all matrices of the fields, of n^4 operations,
@@ -123,9 +123,7 @@ class MatrixGroup(Frame):
             raise ValueError(
                 f"basis must have {self.dim} linearly independent matrices, got {rank}"
             )
-        basis = np.asarray(basis, dtype=self.dtype)
-        basis.flags.writeable = False
-        return basis
+        return read_only(np.asarray(basis, dtype=self.dtype))
 
     @cached_property
     def _sparse_basis(self) -> scipy.sparse.csr_array:
@@ -153,9 +151,7 @@ class MatrixGroup(Frame):
     def structure_constants(self) -> Array:
         r"""The numbers in :math:`[B_i, B_j] = \sum_k c_{ijk} B_k`, shape ``(dim, dim, dim)``."""
         products = self.basis[:, None] @ self.basis[None, :]
-        constants = self._algebra_projection(products - products.swapaxes(0, 1))
-        constants.flags.writeable = False
-        return constants
+        return read_only(self._algebra_projection(products - products.swapaxes(0, 1)))
 
     def algebra(self, v: ArrayLike) -> Points:
         r"""Return :math:`\Omega(v)`, shape ``(..., size, size)``."""

@@ -20,14 +20,7 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import (
-    NO_LIMIT,
-    check_flag,
-    check_integer,
-    check_number,
-    short,
-    similar_names,
-)
+from cg.support.checks import check_flag, check_number, short, similar_names
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable
@@ -102,7 +95,7 @@ def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances; tiny ones are raised with a warning."""
     if type(rtol) is float and _MIN_RTOL <= rtol < math.inf:  # the usual case, in little time
         return np.array(rtol)
-    tolerances = _check_tolerances("rtol", rtol)
+    tolerances = check_tolerances("rtol", rtol)
     if tolerances.min() < _MIN_RTOL:
         which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
         warnings.warn(
@@ -111,12 +104,7 @@ def check_rtol(rtol: Any) -> Array:
     return np.maximum(tolerances, _MIN_RTOL)
 
 
-def check_atol(atol: ArrayLike | None) -> Array:
-    """Return the absolute tolerances or the default; ValueError if one is negative."""
-    return DEFAULT_ATOL if atol is None else _check_tolerances("atol", atol)
-
-
-def _check_tolerances(name: str, value: Any) -> Array:
+def check_tolerances(name: str, value: Any) -> Array:
     """Return one or several tolerances after checking them."""
     if type(value) is float and 0.0 <= value < math.inf:
         return np.array(value)
@@ -125,11 +113,6 @@ def _check_tolerances(name: str, value: Any) -> Array:
     if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
         raise ValueError(f"{name} must be finite and not negative, got {short(value)}")
     return tolerances
-
-
-def check_count(name: str, value: Any) -> int:
-    """Return a number of steps, positive and such that it fits counters of compiled code."""
-    return min(check_integer(name, value, 1), NO_LIMIT)
 
 
 def equal_steps(h: float, ends: list[float]) -> int:

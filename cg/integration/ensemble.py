@@ -16,7 +16,7 @@ from cg.integration.arguments import EnsembleOptions, complete_options, expand_o
 from cg.integration.member_results import Collector, MemberResults
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import EnsembleSolution
-from cg.integration.problem import Problem, make_problem
+from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress
@@ -26,9 +26,6 @@ from cg.support.records import changed
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
 _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
-_DERIVATIVE_OPTIONS = (
-    "derivatives", "derivatives_by", "jac", "df_dp", "noise", "control_derivatives"
-)  # fmt: skip
 
 
 @expand_options()
@@ -206,7 +203,8 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     if whole.one_by_one and problem is not whole:
         problem = changed(problem, inertia=None)
         # options sent with each part; covariances come from the collected derivatives of all
-        chosen = {name: value for name, value in options.items() if name in _DERIVATIVE_OPTIONS}
+        names = "derivatives", "jac", *DERIVATIVE_OPTIONS
+        chosen = {name: value for name, value in options.items() if name in names}
         part_options = chosen | {"P0": None}
     else:
         whole = problem

@@ -63,6 +63,11 @@ class StepTooLongError(ArithmeticError):
     turn. Events are looked for in up to eight million turns. An adaptive step is tried again with a
     smaller size.
 
+    Attributes
+    ----------
+    t, for_events
+        Time at which the step starts, and whether it is too long for events, not for the method.
+
     Examples
     --------
     >>> import numpy as np

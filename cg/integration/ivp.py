@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.arguments import Options, check_count, complete_options, expand_options
+from cg.integration.arguments import Options, complete_options, expand_options
 from cg.integration.member_results import solution_of
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import Solution
@@ -18,6 +18,7 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.run.drive import Progress
+from cg.support.checks import check_count
 
 
 @expand_options()
@@ -105,7 +106,7 @@ def solve_ivp(
     inputs
         `cg.Samples` of a function of time, or a tuple of several, each with times of its own.
         ``f`` becomes ``f(t, y, u, *args)``, and so do all other functions; ``u`` is the
-        value at ``t``, for a tuple one of values. A compiled function gets the values behind its
+        value at ``t``, for a tuple one of values. A compiled function gets the values after its
         parameters. Steps end where a curve or its derivative jumps, as at ``breakpoints``.
         Methods with stages outside the step are refused.
     max_step
@@ -177,7 +178,7 @@ def solve_ivp(
         ``solution.sensitivity``, by ``"point"`` of ``solution.transition``.
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
-        with respect to the parameters, of the adjoint also the inputs behind them. It has the
+        with respect to the parameters, of the adjoint also the inputs after them. It has the
         arguments of ``f`` and may be compiled. By default central differences with steps of
         :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
     P0

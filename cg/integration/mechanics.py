@@ -46,7 +46,7 @@ def refuse_friction(
     limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
     sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
-    reached = np.isfinite(points[k, members]).all(axis=-1)  # not those behind an early end
+    reached = np.isfinite(points[k, members]).all(axis=-1)  # not those after an early end
     k, members = k[reached], members[reached]
     t, y = np.asarray(times)[k], points[k, members]
     try:

@@ -174,7 +174,7 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
         ensemble.add(slice(0, 1), results)
         solution = ensemble.solution()[0]
         return solution if problem.with_gradients is None else problem.with_gradients(solution)
-    results.t.setflags(write=False)
+    results.t.flags.writeable = False
     end, status = results.reached.item(0), results.status.item(0)
     fields = member_fields(results, 0, problem.direction, end, status, results.counts[0].tolist())
     fields |= {

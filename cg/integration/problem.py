@@ -45,13 +45,13 @@ from cg.integration.rhs.inputs import (
     stops_and_limits,
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points, texts_of
-from cg.support.checks import NO_LIMIT, check_choice, check_real, short
+from cg.support.arrays import Array, Points, read_only, texts_of
+from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short
 from cg.support.records import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
-_OF_DERIVATIVES = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
+DERIVATIVE_OPTIONS = "df_dp", "derivatives_by", "P0", "noise", "control_derivatives"
 
 
 class Control(NamedTuple):
@@ -196,7 +196,7 @@ def _make_control(
     max_step = check_real("max_step", options["max_step"], positive=True, infinite=True)
     max_steps, first_step = arguments.DEFAULT_MAX_STEPS, options["first_step"]
     if options["max_steps"] is not None:
-        max_steps = arguments.check_count("max_steps", options["max_steps"])
+        max_steps = check_count("max_steps", options["max_steps"])
     if options["h"] is not None:
         return _equal_steps(plan, options, span, max_step, max_steps)
     _check_pair(plan, options)
@@ -221,8 +221,8 @@ def _equal_steps(
     if math.isinf(span):
         raise ValueError("t_span must be finite with h, got an infinite end")
     if size > max_step:
-        limit, got = texts_of(max_step, size)
-        raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
+        largest, got = texts_of(max_step, size)
+        raise ValueError(f"h must not be larger than max_step = {largest}, got {got}")
     return Control(h=size, max_steps=max_steps if varies else NO_LIMIT)
 
 
@@ -247,7 +247,9 @@ def _read_tolerances(
 ) -> tuple[Array, Array]:
     """Return relative and absolute tolerances of one shape after checking their shapes."""
     shape = (plan.dim,) if in_coordinates else plan.point_shape
-    atol = arguments.check_atol(options["atol"])
+    atol = DEFAULT_ATOL
+    if options["atol"] is not None:
+        atol = arguments.check_tolerances("atol", options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
             what = "coordinate" if in_coordinates else "entry"
@@ -363,8 +365,8 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
-        frames, needed = for_derivatives(frame), brackets or options["derivatives"] is not None
-        frame = frames.with_brackets if needed else frames.fastest
+        fastest, with_brackets = for_derivatives(frame)
+        frame = with_brackets if brackets or options["derivatives"] is not None else fastest
     linear, solver = options["linear"], options["stage_solver"]
     return plan_of(frame, _checked_method(chosen, linear, frame, min_rtol, solver)), rtol
 
@@ -379,14 +381,14 @@ def _check_choices(options: EnsembleOptions, ensemble: bool) -> None:
         raise ValueError("vectorized must be False for a single point, unless linear=True")
     if linear and options["jac"] is not None:
         raise ValueError(f"jac must be None with linear=True, got {options['jac']!r}")
-    refused: tuple[str, ...] = _OF_DERIVATIVES
+    refused: tuple[str, ...] = DERIVATIVE_OPTIONS
     if derivatives is not None:
         allowed = ["forward"] * (not linear) + ["adjoint"] * (not ensemble)
         if not isinstance(derivatives, str) or derivatives not in allowed:
             names = " or ".join(map(repr, [None, *allowed]))
             where = " with linear=True" * linear + " for an ensemble" * ensemble
             raise ValueError(f"derivatives must be {names}{where}, got {derivatives!r}")
-        refused = _OF_DERIVATIVES[1:] if derivatives == "adjoint" else ()
+        refused = DERIVATIVE_OPTIONS[1:] if derivatives == "adjoint" else ()
     given: Any = options
     for name in refused:
         value = given[name]
@@ -414,8 +416,7 @@ def _read_members(
     if members > len(points):  # a single point serves all of them
         points = np.repeat(points, members, axis=0)
         if numbers is not None:
-            numbers = np.repeat(numbers, members, axis=0)
-            numbers.flags.writeable = False
+            numbers = read_only(np.repeat(numbers, members, axis=0))
     return points, numbers, inertia
 
 

@@ -41,7 +41,7 @@ from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, check_finite, texts_of
+from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_real, short
 from cg.support.records import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
@@ -49,7 +49,7 @@ from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method
 
 _FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
-_STEPS = list(COUNTERS).index("steps")
+_STEP_COUNTER = list(COUNTERS).index("steps")
 _TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
 _NONE_STOPPED = np.zeros(1, dtype=np.bool_)
 
@@ -72,7 +72,7 @@ class Stepper:
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
     events
         As for `cg.solve_ivp`. For a single point ``step`` and ``advance`` stop at a terminal
-        event, behind its jump if it has one, and go on from there when they are called again; an
+        event, after its jump if it has one, and go on from there when they are called again; an
         event that is terminal the third time stops each third time. A member of an ensemble stays
         at its terminal event, before its jump, as in `cg.solve_ensemble`, and the others go on.
 
@@ -197,30 +197,13 @@ class Stepper:
         return None if (t_old := self.t_old) is None else abs(self.t - t_old)
 
     @property
-    def method(self) -> Any:
-        """The method, a `cg.Method`."""
-        return source_method(self.table)
-
-    @property
     def y(self) -> Points:
         """The present point, a read-only copy."""
         run = self._run
-        points = run.plan.points(run.end.copy(), (run.members,) * self._many)
-        points.flags.writeable = False
-        return points
-
-    @property
-    def n(self) -> int:
-        """Number of coefficients."""
-        return self.frame.dim
+        return read_only(run.plan.points(run.end.copy(), (run.members,) * self._many))
 
     def __repr__(self) -> str:
         return f"Stepper(t={self.t!r}, status={self.status!r}, method={self.table.name!r})"
-
-    @property
-    def stopped(self) -> NDArray[np.bool_] | None:
-        """Which members a terminal event has ended."""
-        return self._stopped if self._many else None
 
     @property
     def _stopped(self) -> NDArray[np.bool_]:
@@ -252,6 +235,9 @@ class Stepper:
     def _count(self, name: str) -> int:
         return int(self._run.counts[:, COUNTS.index(name)].sum())
 
+    method = property(lambda self: source_method(self.table), doc="The method, a `cg.Method`.")
+    n = property(lambda self: self.frame.dim, doc="Number of coefficients.")
+    stopped = property(lambda self: self._stopped if self._many else None, doc="Ended members.")
     nfev = property(lambda self: self._count("nfev"), doc="Evaluations of the coefficients.")
     nexp = property(lambda self: self._count("nexp"), doc="Flows.")
     njev = property(lambda self: self._count("njev"), doc="Jacobians of stage equations.")
@@ -450,7 +436,7 @@ class Stepper:
         check_resolution(run.control.h, target)
         ends = np.array([target])
         if len(stops):
-            # the stop behind is an end too: a step that starts there sees f behind it
+            # the stop before is an end too: a step that starts there sees f after it
             stops = stops[max(int((sign * (stops - self.t) < 0.0).sum()) - 1, 0) :]
             ends = np.append(stops[sign * (stops - target) <= 0.0], target)
         run.resume(ends)
@@ -467,11 +453,12 @@ class Stepper:
         self._cut_output, self._overwritten, self.status = None, False, "running"
         start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
         calls = len(run.events_of_calls)
-        message: str | None = "interrupted"
+        complete = False
         try:
             message = take()
+            complete = message is None
         finally:
-            if message is not None:
+            if not complete:
                 self._target = None
                 if start is None:
                     self._has_step |= self.t != run.reached.item(0)
@@ -480,7 +467,7 @@ class Stepper:
                 else:
                     del run.events_of_calls[calls:]
                     self._begin(self.t, *start)
-        if message is None:
+        if complete:
             self._arrive()
         return message
 
@@ -489,8 +476,8 @@ class Stepper:
         run = self._run
         # the counters of a member that still runs
         counters = run.counters[self._stopped.argmin() if self._many else 0]
-        steps = counters.item(_STEPS)
-        while counters.item(_STEPS) == steps:
+        steps = counters.item(_STEP_COUNTER)
+        while counters.item(_STEP_COUNTER) == steps:
             run.call(run.members)
             if run.record.failed:
                 return self._fail()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
+from cg.support.arrays import Array
 
 Scalars = Sequence[JaxArray]
 Map = Callable[[JaxArray], JaxArray]
@@ -143,7 +144,7 @@ def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
 
 
-def turned(v: JaxArray, basis: NDArray[np.float64], y: JaxArray) -> JaxArray:
+def turned(v: JaxArray, basis: Array, y: JaxArray) -> JaxArray:
     """Return the combination of real matrices times a vector.
 
     The products with the vector come first, since stages of a step share them. `XLA` makes sums

@@ -30,7 +30,7 @@ from cg.jax.term import (
     rules_in,
     unwrapped,
 )
-from cg.support.checks import check_flag
+from cg.support.checks import check_choice, check_flag
 from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
@@ -113,8 +113,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             raise ValueError(f"method must be explicit in JAX, got {table!r}")
         if table.kind is Kind.SPLITTING:
             raise ValueError(f"method must not be a splitting method in JAX, got {table!r}")
-        if dense not in _DENSE:
-            raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
+        check_choice("dense", dense, _DENSE)
         unroll = check_flag("unroll", unroll)
         if max_angle is not None and not max_angle > 0.0:
             raise ValueError(f"max_angle must be positive, got {max_angle!r}")

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
+from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
@@ -157,7 +157,7 @@ def _take_stages_on_algebra(
     return Stages(values, result, [], errors, at_end, vectors)
 
 
-def _displacement(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
+def _displacement(h: JaxArray, row: Array, stages: list[JaxArray]) -> JaxArray:
     """Return h times a weighted sum of coefficients at stages, as one product."""
     used = np.flatnonzero(row)
     if len(used) == 1:
@@ -172,7 +172,7 @@ class _Scheme:
     ``weights`` are those of θ, θ², …, shape ``(flows, coefficients, degree)``.
     """
 
-    weights: NDArray[np.float64]
+    weights: Array
     accurate: bool = True
 
 
@@ -204,7 +204,7 @@ class Within(diffrax.AbstractLocalInterpolation):
         """Return the point at a time, or the difference of those at two times."""
         if not self.within.scheme.accurate:
             warnings.warn(
-                'dense="steps" has errors of second order in the step between the ends of steps; '
+                "dense='steps' has errors of second order in the step between the ends of steps; "
                 "output and events there need a solver without it. With noise all solvers have "
                 "errors of order ½ there: end steps at such times, with diffrax.StepTo",
                 stacklevel=2,

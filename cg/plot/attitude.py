@@ -7,14 +7,13 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SE3, SO, is_rotation
 from cg.plot.style import COLOURS, DASHES, axes_for, drawn, members_of, opacity_of
-from cg.support.arrays import real_array
+from cg.support.arrays import Array, real_array
 from cg.support.checks import short
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 _MEMBERSHIP_ERROR = 1e-6  # largest one of arrays that are drawn
 
 
-def drawn_rotations(y: Any) -> tuple[Rotation, NDArray[np.float64] | None]:
+def drawn_rotations(y: Any) -> tuple[Rotation, Array | None]:
     """Return the rotations that are drawn of a solution or an array, and the times of a solution.
 
     ValueError if there are none; a warning if two are more than 90° apart.
@@ -145,7 +144,7 @@ def attitude(y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None) -> Any
     return ax
 
 
-def _curves(show: str, rotations: Rotation) -> tuple[NDArray[np.float64], list[str], str]:
+def _curves(show: str, rotations: Rotation) -> tuple[Array, list[str], str]:
     """Return curves in radians, shape ``(n, 3)``, their labels and what they are."""
     if show == "vector":
         return rotations.as_rotvec(), [f"{axis} axis" for axis in "xyz"], "rotation vector"

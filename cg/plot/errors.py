@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cg.plot.style import FAINT, axes_for, curve_style
-from cg.support.arrays import vectors_of_one_length
+from cg.support.arrays import Array, check_positive, vectors_of_one_length
 from cg.support.checks import check_real
 
 
@@ -80,7 +80,7 @@ def work_precision(
     return ax
 
 
-def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: str | None) -> Any:
+def _draw(x: Array, errors: Array, ax: Any, label: str | None) -> Any:
     ax = axes_for(ax)
     order = np.argsort(x)
     ax.plot(x[order], errors[order], label=label, **curve_style(ax))
@@ -92,12 +92,9 @@ def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: s
     return ax
 
 
-def _pairs(
-    name: str, x: ArrayLike, errors: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pairs(name: str, x: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
     numbers, sizes = vectors_of_one_length(name, x, errors)
-    if not (np.isfinite(numbers).all() and (numbers > 0).all()):
-        raise ValueError(f"{name} must be finite and positive, got {numbers}")
+    check_positive(name, numbers)
     if not (np.isfinite(sizes).all() and (sizes >= 0).all()):
         raise ValueError(f"errors must be finite and not negative, got {sizes}")
     nonzero = sizes > 0

@@ -170,7 +170,7 @@ def _jumped(solution: Any) -> list[Any]:
 
 
 def _path(solution: Any) -> tuple[Any, Any, Any]:
-    """Return times and points, before and behind each jump, and the places of points behind."""
+    """Return times and points, before and after each jump, and the places of points after."""
     times, points, rows = solution.t, solution.y, solution.t_events or ()
     if solution.sol is not None:
         ts = solution.sol.ts

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.support.arrays import Array
 from cg.support.parsing import visible
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -91,7 +91,7 @@ def check_stored(solution: Any, name: str) -> None:
         raise ValueError(f"{name} must have points, got a solution with store='observed'")
 
 
-def drawn(y: Any) -> tuple[Frame | None, NDArray[np.float64] | None, Any]:
+def drawn(y: Any) -> tuple[Frame | None, Array | None, Any]:
     """Return the frame, the times and the points of a solution, if it is dense between steps too.
 
     Other values, such as arrays, are returned as points alone.

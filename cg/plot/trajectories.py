@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.plot.attitude import drawn_rotations, rotations_on
@@ -22,7 +22,7 @@ from cg.plot.style import (
     is_solution,
     verbatim,
 )
-from cg.support.arrays import check_finite, is_qobj, real_array
+from cg.support.arrays import Array, check_finite, is_qobj, real_array
 
 _ARC = math.radians(3)  # angle between points that are drawn of a great circle
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
@@ -56,7 +56,7 @@ def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) ->
     return _trajectory(paths, radius, ax, label)
 
 
-def _trajectory(paths: list[NDArray[np.float64]], radius: float, ax: Any, label: str | None) -> Any:
+def _trajectory(paths: list[Array], radius: float, ax: Any, label: str | None) -> Any:
     """Draw paths within a sphere, in one colour."""
     ax = axes_for(ax, spatial=True)
     number = len({line.get_color() for line in ax.get_lines()})
@@ -99,9 +99,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     return ax
 
 
-def _paths(
-    y: Any, convert: Callable[[Any, Frame | None], NDArray[np.float64]]
-) -> list[NDArray[np.float64]]:
+def _paths(y: Any, convert: Callable[[Any, Frame | None], Array]) -> list[Array]:
     """Return the paths of vectors of a solution, of each member, or of an array."""
     if is_solution(y) and np.ndim(y.status):
         return [path for k in range(len(y.status)) for path in _paths(y[k], convert)]
@@ -115,7 +113,7 @@ def _paths(
     return [convert(points, frame)]
 
 
-def _vectors(points: Any, frame: Frame | None) -> NDArray[np.float64]:
+def _vectors(points: Any, frame: Frame | None) -> Array:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
     if points.ndim == 2 and points.shape[1:] == (3,):
         return real_array(points, "y")
@@ -128,7 +126,7 @@ def _vectors(points: Any, frame: Frame | None) -> NDArray[np.float64]:
     return rotations.apply([0.0, 0.0, 1.0])
 
 
-def _bloch_vectors(states: Any, frame: Frame | None) -> NDArray[np.float64]:
+def _bloch_vectors(states: Any, frame: Frame | None) -> Array:
     """Return the Bloch vectors of states or propagators, shape ``(n, 3)``."""
     shape = states.shape[1:]
     if np.isrealobj(states) and shape not in ((2,), (2, 2)):
@@ -157,7 +155,7 @@ def _bloch_vectors(states: Any, frame: Frame | None) -> NDArray[np.float64]:
     return np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)
 
 
-def _along_great_circles(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _along_great_circles(path: Array) -> Array:
     """Return a path with points between those that are more than a few degrees apart."""
     lengths = np.maximum(np.linalg.norm(path, axis=1), np.finfo(float).tiny)
     units, arcs = path / lengths[:, None], [path[:1]]
@@ -215,9 +213,7 @@ def trajectory_of_axes(y: Any, ax: Any = None) -> Any:
     return ax
 
 
-def _draw_path(
-    ax: Any, points: NDArray[np.float64], colour: str, dashes: Any, label: str | None
-) -> None:
+def _draw_path(ax: Any, points: Array, colour: str, dashes: Any, label: str | None) -> None:
     ax.plot(*points.T, color=colour, linestyle=dashes, linewidth=1.4, label=label)
     ax.scatter(*points[:1].T, color=colour, s=25)
 
@@ -236,10 +232,9 @@ def _draw_sphere(ax: Any, radius: float) -> None:
 
 
 def invariants(
-    solution: Any,
-    functions: Callable[[Any], Any] | Mapping[str, Callable[[Any], ArrayLike]],
+    solution: Any, functions: Callable[[Any], Any] | Mapping[str, Callable[[Any], ArrayLike]],
     ax: Any = None,
-) -> Any:
+) -> Any:  # fmt: skip
     """Draw how far invariants of a solution are from their initial values, against time.
 
     Parameters

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.integration.ivp import integrate
 from cg.integration.rhs.python import Coefficients
-from cg.support.arrays import Array, vectors_of_one_length
+from cg.support.arrays import Array, check_positive, vectors_of_one_length
 from cg.tables import HasTable
 
 
@@ -26,9 +26,8 @@ def observed_order(h: ArrayLike, errors: ArrayLike, *, floor: float = 0.0) -> fl
             f"errors must leave two points above floor = {floor:g}, got errors = {sizes}"
         )
     steps, sizes = steps[used], sizes[used]
-    for name, values in (("h", steps), ("errors", sizes)):
-        if not (np.isfinite(values).all() and (values > 0.0).all()):
-            raise ValueError(f"{name} must be positive and finite, got {values}")
+    check_positive("h", steps)
+    check_positive("errors", sizes)
     if len(np.unique(steps)) < len(steps):
         raise ValueError(f"h must be distinct, got {steps}")
     return float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cg.frames import SO3
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
 from cg.support import flint
-from cg.support.arrays import Array, real_array
+from cg.support.arrays import Array, read_only, real_array
 from cg.support.quads import to_ball
 from cg.support.records import ReadOnly
 
@@ -148,9 +148,7 @@ class StateDependentRotation(ReadOnly, QuadraticProblem):
     slope = np.array([-2, 3, 4]) / 4.0
 
     def __post_init__(self) -> None:
-        identity = np.eye(3)
-        identity.flags.writeable = False
-        vars(self).update(frame=SO3(self.convention), y0=identity)
+        vars(self).update(frame=SO3(self.convention), y0=read_only(np.eye(3)))
 
     def f(self, t: float, y: Array) -> Array:
         """Return the coefficients, shape ``(..., 3)``, of points of shape ``(..., 3, 3)``."""

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeGuard, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.support.checks import check_generator, short
+from cg.support.checks import check_generator, check_integer, short
 
 Array = NDArray[np.float64]
 Points = NDArray[Any]
@@ -98,6 +98,13 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         ) from error
 
 
+def read_only(array: Points) -> Points:
+    """Return a view that can't be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def check_finite(name: str, array: Points) -> None:
     """Raise ValueError, which names the first non-finite entry, unless an array is finite."""
     finite = np.isfinite(array)
@@ -105,6 +112,12 @@ def check_finite(name: str, array: Points) -> None:
         index = tuple(np.argwhere(~finite)[0].tolist())
         place = ", ".join(map(str, index))
         raise ValueError(f"{name} must be finite, got {array[index]} at [{place}]")
+
+
+def check_positive(name: str, array: Points) -> None:
+    """Raise ValueError unless an array is finite and positive."""
+    if not (np.isfinite(array).all() and (array > 0.0).all()):
+        raise ValueError(f"{name} must be finite and positive, got {array}")
 
 
 def check_name(name: Any) -> None:
@@ -116,14 +129,11 @@ def check_name(name: Any) -> None:
 def check_random(rng: Any, size: Any) -> tuple[int, ...]:
     """Check the arguments of `random_point` and `random_vector`; return ``size`` as a tuple."""
     check_generator("rng", rng)
-    axes = size if isinstance(size, tuple | list) else (size,)
-    if any(isinstance(n, bool) or not isinstance(n, int | np.integer) for n in axes):
-        raise TypeError(f"size must be an integer or a tuple of integers, got {size!r}")
-    if any(n < 0 for n in axes):
-        raise ValueError(f"size must not be negative, got {size!r}")
-    if math.prod(map(int, axes)) > _MAX_POINTS:
+    lengths = size if isinstance(size, tuple | list) else (size,)
+    axes = tuple(check_integer("size", n, 0) for n in lengths)
+    if math.prod(axes) > _MAX_POINTS:
         raise ValueError(f"size must be at most {_MAX_POINTS} in all, got {size!r}")
-    return tuple(map(int, axes))
+    return axes
 
 
 ROUNDINGS = 4

@@ -112,6 +112,11 @@ def check_integer(name: str, value: Any, lower: int, upper: int | None = None) -
     return checked
 
 
+def check_count(name: str, value: Any) -> int:
+    """Return a number of steps, positive and such that it fits counters of compiled code."""
+    return min(check_integer(name, value, 1), NO_LIMIT)
+
+
 def check_interval(name: str, value: Any) -> tuple[float, float]:
     """Return two numbers as floats; TypeError, or ValueError unless they are finite and grow."""
     if not isinstance(value, tuple | list | np.ndarray):

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.support import flint
+from cg.support.arrays import Array
 from cg.support.checks import check_integer
 from cg.support.parallel import in_children
 from cg.support.parsing import read_fraction
@@ -129,10 +130,10 @@ def _decode_one(data: bytes) -> Fraction:
     return -magnitude if bits >> 127 else magnitude
 
 
-def to_float(quads: Quads) -> NDArray[np.float64]:
+def to_float(quads: Quads) -> Array:
     """Round binary128 numbers of shape (..., 16) to doubles of shape (...)."""
     flat = np.ascontiguousarray(quads).reshape(-1, 16)
-    values: NDArray[np.float64] = core("cg.support.quads.to_float").to_double(flat.T)
+    values: Array = core("cg.support.quads.to_float").to_double(flat.T)
     return values.reshape(quads.shape[:-1])
 
 

@@ -146,7 +146,7 @@ COUNTERS = {
 """What is counted of a member."""
 
 STATE = ("reached", "failed_at", "last_start", "next_step")
-"""Numbers of a member behind its point."""
+"""Numbers of a member after its point."""
 
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member in results, in the order of compiled code."""
@@ -200,7 +200,7 @@ VARIATION = {
     "dimension": "integer",
     "width": "integer",  # doubles of a point without its derivatives
     "parameters": "integer",  # numbers with respect to which there are derivatives
-    "inputs": "integer",  # numbers behind the parameters, or the last of these
+    "inputs": "integer",  # numbers after the parameters, or the last of these
     "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
     # chosen directions of derivatives, 0 for all, and their parts by parameters, a row each
     "directions": "integer",

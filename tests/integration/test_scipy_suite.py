@@ -290,7 +290,7 @@ def test_wrong_sizes_are_named():
         integrate.solve_ivp(lambda t, y: y[:3], (0, 1), Y0, SOLVER)
     for name, value, message in (
         ("y", [1.0, 2.0], r"y must be 7 numbers, got shape \(2,\)"),
-        ("t_bound", -1.0, "t_bound must not lie behind t = "),
+        ("t_bound", -1.0, "t_bound must not lie before t = "),
     ):
         solver = SOLVER(lambda t, y: 0 * y, 0.0, Y0, 1.0)
         solver.step()

@@ -51,7 +51,7 @@ class TestRefusals:
     def test_methods(self):
         refuses(ValueError, "method must", cg.jax.Solver, "CF99")
         refuses(ValueError, "method must", cg.jax.Solver, "DICG3")
-        refuses(ValueError, "dense must", cg.jax.Solver, "CF4", dense=1)
+        refuses(TypeError, "dense must", cg.jax.Solver, "CF4", dense=1)
         refuses(TypeError, "unroll must", cg.jax.Solver, "RKMK4", unroll=2)
         with pytest.raises(ValueError, match="which needs brackets"):
             solve(term(squeeze())[0], cg.jax.Solver("RKMK4"), np.ones(3), h=0.1)

@@ -88,9 +88,9 @@ def test_errors_of_rounding_are_left_out():
 @pytest.mark.parametrize(("h", "errors", "changes", "message"), [
     ([0.1, 0.2], [1.0], {}, "must be vectors of one length"),
     ([[0.1, 0.2]], [[1.0, 2.0]], {}, "must be vectors of one length"),
-    ([0.1, 0.2], [1.0, np.nan], {}, "errors must be positive and finite"),
-    ([0.1, 0.2], [1.0, np.inf], {}, "errors must be positive and finite"),
-    ([0.1, -0.2], [1.0, 2.0], {}, "h must be positive and finite"),
+    ([0.1, 0.2], [1.0, np.nan], {}, "errors must be finite and positive"),
+    ([0.1, 0.2], [1.0, np.inf], {}, "errors must be finite and positive"),
+    ([0.1, -0.2], [1.0, 2.0], {}, "h must be finite and positive"),
     ([0.1, 0.1], [1.0, 2.0], {}, "h must be distinct"),
     ([0.1, 0.2], [1e-17, 1.0], {"floor": 1e-15}, "errors must leave two points"),
 ])  # fmt: skip

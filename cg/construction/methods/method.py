@@ -19,6 +19,7 @@ from cg.construction.layouts import Layout, check_length
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.tolerance import satisfies, to_floats, tolerance
 from cg.construction.points import FlatSums, MethodError, Point, PointTree
+from cg.support.arrays import read_only
 from cg.support.checks import check_flag, check_integer
 from cg.support.parsing import visible
 from cg.tables import MethodTable, stored_table
@@ -430,6 +431,4 @@ class Method(ABC):
 
 def frozen(numbers: Any) -> NDArray[np.float64]:
     """Return numbers as a read-only array of doubles."""
-    array = np.array(numbers, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+    return read_only(np.array(numbers, dtype=np.float64))

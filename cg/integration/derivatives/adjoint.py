@@ -108,16 +108,16 @@ class Adjoint:
     def _gradient(self, cotangents: Points) -> Gradient:
         """Return the gradient from the cotangents at all times.
 
-        The covector is zero behind the last time and goes backward from interval to interval by
+        The covector is zero after the last time and goes backward from interval to interval by
         their maps; at each output time the cotangent there is added to it.
         """
         chunks, sign = self._chunks, self._output._direction
         starts = sign * np.concatenate([intervals.start for intervals in chunks])
-        order = np.argsort(starts)  # bisected intervals are behind the others
+        order = np.argsort(starts)  # bisected intervals come after the others
         maps = np.concatenate([intervals.maps[:, 0] for intervals in chunks])[order]
         covector = np.zeros_like(cotangents[0])
         ends = np.empty((len(starts), *covector.shape), cotangents.dtype)
-        # Each output time is in front of an interval with this number.
+        # Each output time is before an interval with this number.
         intervals = np.searchsorted(starts[order], sign * self._times).tolist()
         for i in range(len(starts), -1, -1):
             while intervals and intervals[-1] == i:

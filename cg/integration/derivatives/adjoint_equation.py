@@ -29,9 +29,9 @@ _INTEGRALS = (
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _BISECTIONS = 20  # most bisections of an interval
 _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
-_MANY = 8  # most intervals that aren't resolved, for each of the first ones
-_SHORT = 64  # units of rounding of time, in an interval that can't be bisected
-_NO_TIME = 8  # such units between edges that nearly coincide, where nodes may round to either side
+_MAX_UNRESOLVED = 8  # intervals that aren't resolved, for each of the first ones
+_MIN_BISECTED = 64  # units of rounding of time in an interval that can be bisected
+_SAME_EDGE = 8  # such units between edges that coincide: nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
 
@@ -163,8 +163,8 @@ def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         for first in range(0, len(start), chunk_size):
             chunk = slice(first, first + chunk_size)
             intervals, errors = _solve_once(equation, start[chunk], size[chunk], span)
-            rounding = np.spacing(np.abs(intervals.start))
-            resolved = (errors <= equation.tolerance) | (np.abs(size[chunk]) <= _NO_TIME * rounding)
+            least = _SAME_EDGE * np.spacing(np.abs(intervals.start))
+            resolved = (errors <= equation.tolerance) | (np.abs(size[chunk]) <= least)
             if not resolved.all():
                 intervals = Intervals(*(array[resolved] for array in intervals))
             chunks.append(intervals)
@@ -172,8 +172,8 @@ def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         start, size = np.concatenate(unresolved, axis=1)
         if not start.size:
             return chunks
-        too_short = np.abs(size) < _SHORT * np.spacing(np.abs(start))
-        if start.size > max(_MAX_INTEGRAL, _MANY * len(edges)) or too_short.any():
+        too_short = np.abs(size) < _MIN_BISECTED * np.spacing(np.abs(start))
+        if start.size > max(_MAX_INTEGRAL, _MAX_UNRESOLVED * len(edges)) or too_short.any():
             break
         size = np.tile(size / 2, 2)
         start = np.concatenate([start, start + size[: len(start)]])

@@ -15,7 +15,7 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, address
 from cg.integration.rhs.python import Derivative, call_context
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, read_only
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
 
@@ -94,8 +94,7 @@ def compiled_variation(
     shared = extra  # with the parameters that compiled code changes for differences
     if extra.parameters is not None:
         parameters[...] = extra.parameters
-        parameters.flags.writeable = False
-        shared = extra._replace(parameters=parameters)
+        shared = extra._replace(parameters=read_only(parameters))
     contexts = _add_contexts(records, variational, in_python, shared, values)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)

@@ -49,7 +49,7 @@ class VariationalEvents:
 
     Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
     and :math:`\xi` the coordinates of a derivative of y just before. The time of the event has
-    the derivative :math:`\delta t = -(\partial g\,\xi + \partial_p g) / \dot g`, and behind a jump
+    the derivative :math:`\delta t = -(\partial g\,\xi + \partial_p g) / \dot g`, and after a jump
     :math:`y^+ = J(t, y)`
 
     .. math:: \xi^+ = \partial J\,\xi + \partial_p J + (\dot J - f^+)\,\delta t,
@@ -170,7 +170,7 @@ class VariationalEvents:
         self, value: Callable[..., Array], t: float, y: Points, arguments: tuple[Any, ...],
         span: float,
     ) -> bool:  # fmt: skip
-        """Return whether a function has another sign behind a stop, at which the event stays.
+        """Return whether a function has another sign after a stop, at which the event stays.
 
         This is the case where an input jumps. A difference far below ``span`` is rounding.
         """

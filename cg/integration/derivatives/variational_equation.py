@@ -15,8 +15,8 @@ from cg.frames.facts import facts_of
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.python import Check, Derivative, Rhs, read_only, when
-from cg.support.arrays import Array, Points, check_finite
+from cg.integration.rhs.python import Check, Derivative, Rhs, when
+from cg.support.arrays import Array, Points, check_finite, read_only
 from cg.support.caches import cached_by_value
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))

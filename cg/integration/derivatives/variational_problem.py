@@ -22,7 +22,7 @@ from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
-from cg.support.arrays import Array, Points, check_finite, real_array
+from cg.support.arrays import Array, Points, check_finite, read_only, real_array
 from cg.support.records import changed
 from cg.tables import Kind
 
@@ -67,8 +67,7 @@ class DerivativeSplitter:
             fields["sensitivity"] = x[..., n : n + equation.parameter_count]
         for name, array in fields.items():
             if array is not None:
-                fields[name] = np.ascontiguousarray(array)
-                fields[name].setflags(write=False)
+                fields[name] = read_only(np.ascontiguousarray(array))
         return fields
 
     def finish(
@@ -97,8 +96,7 @@ class DerivativeSplitter:
         if problem.member_inputs:
             stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
             tables = [each.between(own) for each, own in zip(tables, stops, strict=True)]
-        assert solution.t_events is not None
-        assert solution.y_events is not None
+        events: Any = solution.t_events, solution.y_events
         fields = {
             name: [[split(z)[0] for z in members] for members in getattr(solution, name)]
             for name in ("y_events", "y_after")
@@ -108,9 +106,7 @@ class DerivativeSplitter:
                 tables[member].time_derivatives(index, *at, problem.arguments(member))
                 for member, at in enumerate(zip(times, points, strict=True))
             ]
-            for index, (times, points) in enumerate(
-                zip(solution.t_events, solution.y_events, strict=True)
-            )
+            for index, (times, points) in enumerate(zip(*events, strict=True))
         ]
         return fields
 

@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, clipped, real_array, texts_of
+from cg.support.arrays import Array, Points, clipped, read_only, real_array, texts_of
 from cg.support.records import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
@@ -106,8 +106,7 @@ class DenseOutput(ReadOnly):
         self, interpolants: Interpolants, t0: float, direction: float, y0: Points,
         marks: tuple[Array, Points] | None = None,
     ) -> None:  # fmt: skip
-        self.ts = np.concatenate([[t0], interpolants.ends])
-        self.ts.flags.writeable = False
+        self.ts = read_only(np.concatenate([[t0], interpolants.ends]))
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())
         self._interpolants = interpolants
@@ -190,9 +189,7 @@ class EnsembleOutput(DenseOutput):
     def ts(self) -> Array:  # type: ignore[override]
         """The times of all members' steps."""
         ts = np.unique(np.concatenate([member.ts for member in self._members]))
-        ts = ts[:: int(self._direction)]
-        ts.flags.writeable = False
-        return ts
+        return read_only(ts[:: int(self._direction)])
 
     @cached_property
     def _y0(self) -> Points:  # type: ignore[override]
@@ -458,10 +455,10 @@ def member_fields(
         t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
         y = np.ascontiguousarray(y[: len(t), member])
-        y.setflags(write=False)
+        y.flags.writeable = False
     if observed is not None:
         observed = np.ascontiguousarray(observed[: len(t), member])
-        observed.setflags(write=False)
+        observed.flags.writeable = False
     message = results.messages.get(member, FINISHED)
     return {
         "t": t,

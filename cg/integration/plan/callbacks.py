@@ -15,8 +15,8 @@ from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import Derivative, Rhs, derivative_of, read_only, when
-from cg.support.arrays import Array, Points, real_array
+from cg.integration.rhs.python import Derivative, Rhs, derivative_of, when
+from cg.support.arrays import Array, Points, read_only, real_array
 from cg.support.shared_numbers import Operation
 from cg.tables import Kind, MethodTable
 

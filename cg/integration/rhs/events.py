@@ -17,8 +17,8 @@ from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_only, read_value
-from cg.support.arrays import Array, Points
+from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_value
+from cg.support.arrays import Array, Points, read_only
 from cg.support.checks import NO_LIMIT, check_choice, check_flag, check_number, check_real
 from cg.support.records import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
@@ -101,9 +101,9 @@ class Event:
         terminal = self.terminal
         # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            limit = 1 if terminal else NO_LIMIT
+            count = 1 if terminal else NO_LIMIT
         elif isinstance(terminal, int | float | np.integer) and 0 <= terminal == terminal // 1:
-            limit = NO_LIMIT if terminal == 0 or terminal > 2**53 else int(terminal)
+            count = NO_LIMIT if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             error = ValueError if isinstance(terminal, Real) else TypeError
             raise error(
@@ -117,7 +117,7 @@ class Event:
         flag = check_flag(f"{name}.vectorized", self.vectorized)
         if flag and compiled_event(self.function) is not None:
             raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")
-        return limit, int(direction > 0.0) - int(direction < 0.0)
+        return count, int(direction > 0.0) - int(direction < 0.0)
 
 
 _DEFAULTS = {field.name: field.default for field in fields(Event)[1:]}
@@ -149,7 +149,7 @@ class EventTable:
         self.compiled = [compiled_event(event.function) for event in self.events]
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
-            limit, sign = event._check(f"events[{i}]")
+            count, sign = event._check(f"events[{i}]")
             if in_python and (inputs or parameters) and source and not source.user_data:
                 raise ValueError(
                     f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
@@ -159,7 +159,7 @@ class EventTable:
                 "function": 0 if source is None else source.address,
                 "data": 0 if source is None else source.user_data or -in_python,
                 "direction": sign,
-                "limit": limit,
+                "limit": count,
                 "jumps": event.jump is not None,
                 "period": event.period or 0.0,
                 "vectorized": event.vectorized,
@@ -200,8 +200,7 @@ class EventTable:
 
     def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the values of an event's vectorized function, after checking them."""
-        t.setflags(write=False)
-        y.setflags(write=False)
+        t.flags.writeable = y.flags.writeable = False
         event = self.events[index]
         values: Array = event.function(t, y, *arguments)
         plain = type(values) is np.ndarray and values.dtype == np.float64

@@ -77,13 +77,13 @@ class Inputs:
         return replace(self, curves=tuple(curve.part(members) for curve in self.curves))
 
     def data_with(self, parameters: Array | None) -> Array:
-        """Return the parameters of each member, with room for the inputs behind them."""
+        """Return the parameters of each member, with room for the inputs after them."""
         if parameters is None:
             return np.zeros((1, self.width))
         return np.concatenate([parameters, np.zeros((len(parameters), self.width))], axis=1)
 
     def table(self, parameters: Array | None) -> NDArray[np.void]:
-        """Return the `INPUT` of each curve; its values come behind the parameters of a member."""
+        """Return the `INPUT` of each curve; its values come after the parameters of a member."""
         place = 0 if parameters is None else parameters.shape[1]
         rows: NDArray[np.void] = np.empty(len(self.curves), dtype=columns_of(INPUT))
         for k, curve in enumerate(self.curves):

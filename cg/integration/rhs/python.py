@@ -16,7 +16,7 @@ from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
-from cg.support.arrays import Array, Points, complex_array, conversion_hint, real_array
+from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
 from cg.support.records import filled
 
@@ -104,6 +104,49 @@ class Check:
 Coefficients = Callable[..., ArrayLike]
 
 
+class CallContext(NamedTuple):
+    """What ``fortran/interface/python_rhs.c`` reads to call a function, in its order."""
+
+    function: Any
+    args: tuple[Any, ...]  # its further arguments
+    like_point: Points  # an array of the shape and the type of its points
+    like_result: Points  # one of its results
+    check: Any  # check(value, t, y) returns other than plain results as an array, or raises
+    spare: list[Any]  # arrays of the call before: the point, and numbers that change
+    of_time: bool  # whether it takes no point
+    with_input: bool  # whether it gets the value of its first argument, a function of time
+    changing: bool  # whether numbers of the last argument change, so that it gets copies
+
+    def with_arguments(self, args: tuple[Any, ...]) -> CallContext:
+        """Return the context of the same function with other arguments."""
+        args = _with_reader(args) if self.with_input else args
+        entries = (
+            self.function, args, self.like_point, self.like_result, self.check, [None, None],
+            self.of_time, self.with_input, self.changing,
+        )  # fmt: skip
+        return tuple.__new__(CallContext, entries)  # in less time than by _replace
+
+
+def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return arguments with the function of time that the first one, a `Reader`, stands for."""
+    return (args[0].function(), *args[1:])
+
+
+def call_context(
+    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
+    dtype: Any = np.float64, changing: bool = False,
+) -> CallContext:  # fmt: skip
+    """Return the context of a function whose results have a shape, without its wrappers."""
+    with_input = isinstance(function, WithInput)
+    if with_input:
+        function, args = function.function, _with_reader(args)
+    of_time = isinstance(function, TimeFunction)
+    if of_time:
+        function = function.function
+    like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
+    return CallContext(function, args, *like, check, [None, None], of_time, with_input, changing)
+
+
 class Contexts:
     """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
@@ -144,12 +187,9 @@ class PythonRhs(Contexts):
         return "f"
 
     def __init__(
-        self,
-        f: Coefficients,
-        frame: Frame,
-        extra: ExtraArguments = NO_EXTRA,
+        self, f: Coefficients, frame: Frame, extra: ExtraArguments = NO_EXTRA,
         vectorized: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.f, self.frame, self.extra, self.vectorized = f, frame, extra, vectorized
         self.check = Check(f, frame, vectorized)
         members = None if vectorized else extra.members
@@ -216,46 +256,6 @@ class PythonRhs(Contexts):
 Rhs = CompiledRhs | PythonRhs
 
 
-class CallContext(NamedTuple):
-    """What ``fortran/interface/python_rhs.c`` reads to call a function, in its order."""
-
-    function: Any
-    args: tuple[Any, ...]  # its further arguments
-    like_point: Points  # an array of the shape and the type of its points
-    like_result: Points  # one of its results
-    check: Any  # check(value, t, y) returns other than plain results as an array, or raises
-    spare: list[Any]  # arrays of the call before: the point, and numbers that change
-    of_time: bool  # whether it takes no point
-    with_input: bool  # whether it gets the value of its first argument, a function of time
-    changing: bool  # whether numbers of the last argument change, so that it gets copies
-
-    def with_arguments(self, args: tuple[Any, ...]) -> CallContext:
-        """Return the context of the same function with other arguments."""
-        args = _with_reader(args) if self.with_input else args
-        entries = (self.function, args, *self[2:5], [None, None], *self[6:])
-        return tuple.__new__(CallContext, entries)  # in less time than by _replace
-
-
-def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return arguments with the function of time that the first one, a `Reader`, stands for."""
-    return (args[0].function(), *args[1:])
-
-
-def call_context(
-    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    dtype: Any = np.float64, changing: bool = False,
-) -> CallContext:  # fmt: skip
-    """Return the context of a function whose results have a shape, without its wrappers."""
-    with_input = isinstance(function, WithInput)
-    if with_input:
-        function, args = function.function, _with_reader(args)
-    of_time = isinstance(function, TimeFunction)
-    if of_time:
-        function = function.function
-    like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
-    return CallContext(function, args, *like, check, [None, None], of_time, with_input, changing)
-
-
 @dataclass(frozen=True, eq=False)
 class Derivative:
     """A function of the user, in Python or compiled, with the arguments of ``f``."""
@@ -301,10 +301,3 @@ def derivative_of(
     if compiled is None and inputs is not None:
         function = WithInput(function)
     return kind(name, compiled or function, frame, shape, vectorized)
-
-
-def read_only(y: Points) -> Points:
-    """Return a view that a function of the user can't write to."""
-    view = y.view()
-    view.flags.writeable = False
-    return view

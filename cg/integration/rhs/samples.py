@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, check_finite, real_array, texts_of
+from cg.support.arrays import Array, check_finite, read_only, real_array, texts_of
 from cg.support.checks import check_choice, check_flag, check_number
 from cg.support.records import ReadOnly
 
@@ -438,8 +438,7 @@ def _read_times(times: ArrayLike) -> Array:
         place = int(np.argmin(growing))
         before, got = texts_of(*array[place : place + 2])
         raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
-    array.flags.writeable = False
-    return array
+    return read_only(array)
 
 
 def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Array:
@@ -454,5 +453,4 @@ def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Arr
         edges = ", one less than the edges" if kind == "averages" else ""
         raise ValueError(f"values must have shape {shape}{edges}, got {array.shape}")
     check_finite("values", array)
-    array.flags.writeable = False
-    return array
+    return read_only(array)

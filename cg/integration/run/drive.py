@@ -85,8 +85,8 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     if rejected > _MANY_REJECTED * steps:
         return _REJECTED
     explicit = table.explicit and table.kind is not Kind.LINEAR
-    limit = table.real_limit() if explicit and facts_of(frame).has_brackets else None
-    if limit is None or frame.dim > _MAX_DIM:
+    real_limit = table.real_limit() if explicit and facts_of(frame).has_brackets else None
+    if real_limit is None or frame.dim > _MAX_DIM:
         return None
     if run.members > 1:
         h = (t - run.t0) / max(steps, 1)
@@ -99,7 +99,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
         return None
     damped = values[values.real <= -_DAMPED * np.abs(values)]
-    near_limit = abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * limit
+    near_limit = abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * real_limit
     return _STIFF if near_limit else None
 
 

@@ -47,7 +47,12 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
         case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
         case Stop.TOO_MANY_STEPS:
-            return _explain_number_of_steps(run, member, t)
+            steps, difficulty = run.control.max_steps, find_difficulty(run, member, t)
+            reason = f"; {difficulty}" if difficulty else ""
+            return (
+                f"{steps} steps (max_steps), rejected ones included, led only to t = {t:.17g}"
+                f"{reason}"
+            )
         case Stop.JUMPS_WITHOUT_PROGRESS:
             return f"jumps of events follow each other without progress at t = {t:.17g}"
         case Stop.RESTING_CONTACT:
@@ -128,12 +133,6 @@ def _got(run: Run, member: int, t: float) -> str:
         return ""
     value = run.rhs.answer(member, t, run.plan.points(run.end[member].copy(), ()))
     return "" if np.isfinite(value).all() else f", got {short(value)}"
-
-
-def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
-    limit, difficulty = run.control.max_steps, find_difficulty(run, member, t)
-    reason = f"; {difficulty}" if difficulty else ""
-    return f"{limit} steps (max_steps), rejected ones included, led only to t = {t:.17g}{reason}"
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
