@@ -73,11 +73,11 @@ def check_number(name: str, value: Any) -> float:
     """Return a real number as a float, infinite beyond the range of doubles; else TypeError."""
     if type(value) is float:
         return value
-    is_real = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_real:
+    number = value.item() if getattr(value, "shape", None) == () else value
+    if isinstance(number, bool) or not isinstance(number, Real):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     try:
-        return float(value)
+        return float(number)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
 

@@ -5,6 +5,7 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
+  use vectors_m, only: add_multiple
   implicit none
   private
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
@@ -13,11 +14,10 @@ module blocks_m
   integer, parameter, public :: max_own_rows = 12  ! rows of matrices multiplied without BLAS
 
   ! Of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's numbers
-  real(wp), parameter, public :: beta(11) = [ &
-    1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, 1 / 1209600.0_wp, 1 / 47900160.0_wp, &
-    691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, 3617 / 10670622842880000.0_wp, &
-    43867 / 5109094217170944000.0_wp, 174611 / 802857662698291200000.0_wp, &
-    77683 / 1.4101100039391805e22_wp]
+  real(wp), parameter, public :: beta(11) = [1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, &
+    1 / 1209600.0_wp, 1 / 47900160.0_wp, 691 / 1307674368000.0_wp, 1 / 74724249600.0_wp, &
+    3617 / 10670622842880000.0_wp, 43867 / 5109094217170944000.0_wp, &
+    174611 / 802857662698291200000.0_wp, 77683 / 1.4101100039391805e22_wp]
   ! Terms decrease by a factor 4 pi^2: those left out are below rounding in double precision.
   integer, parameter, public :: last_term = 11
   ! its radius, a full turn; from half of it on dexp^-1 amplifies the rounding of zero brackets
@@ -214,7 +214,7 @@ contains
     integer, intent(in) :: begin, last, m
     real(wp), intent(in) :: weight(*), f(m, *)         ! weight: those of the flows times the step
     real(wp), intent(out) :: v(m, begin:last)
-    integer :: j
+    integer :: i, j
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
@@ -224,13 +224,16 @@ contains
         case (6)
           call add_terms(6, terms, weight(k), flows%stage(k), f, v(1, j))
         case default
-          call add_terms(m, terms, weight(k), flows%stage(k), f, v(1, j))
+          v(:, j) = weight(k) * f(:, flows%stage(k))
+          do i = k + 1, k + terms - 1
+            call add_multiple(m, weight(i), f(1, flows%stage(i)), v(1, j))
+          end do
         end select
       end associate
     end do
   end subroutine combine_flows
 
-  ! Adds some of the columns of f with weights.
+  ! Adds some of the columns of f with weights, of a length that is known where it is called.
   pure subroutine add_terms(m, terms, weight, stage, f, v)
     integer, intent(in) :: m, terms, stage(terms)
     real(wp), intent(in) :: weight(terms), f(m, *)

@@ -3,7 +3,7 @@ module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_intptr_t, c_null_funptr, &
                                          c_null_ptr, c_ptr
   use callback_m, only: callback_t
-  use inputs_m, only: evaluate_rhs, member_data_t, rhs_t
+  use inputs_m, only: data_at, evaluate_rhs, member_data_t, rhs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, event_record_t, jump_operation, raised
   implicit none
@@ -56,7 +56,7 @@ contains
     associate (row => self%table(event))
       if (row%function /= 0) then
         call c_f_procpointer(transfer(row%function, c_null_funptr), function)
-        data = self%data%at(t, member)
+        data = data_at(self%data, t, member)
         if (row%data /= 0) data = row%data
         if (row%data == -1) data = 0         ! a null pointer
         g = function(t, y, transfer(data, c_null_ptr))

@@ -11,8 +11,8 @@ module inputs_m
   use vectors_m, only: nan
   implicit none
   private
-  public :: call_python_rhs, evaluate_rhs, grid_t, make_grid, max_step_at, member_data_t, rhs_i, &
-            rhs_t
+  public :: call_python_rhs, data_at, evaluate_rhs, grid_t, make_grid, max_step_at, &
+            member_data_t, rhs_i, rhs_t
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
@@ -25,8 +25,6 @@ module inputs_m
     integer(c_intptr_t) :: address = 0       ! address of the first member's data, 0 for none
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's to the next
     type(input_record_t), pointer, contiguous :: inputs(:) => null()   ! are written into the data
-  contains
-    procedure :: at => data_at
   end type member_data_t
 
   abstract interface
@@ -83,7 +81,7 @@ contains
 
   ! The address of the data of a member, into which inputs at a time have been written
   integer(c_intptr_t) function data_at(self, t, member) result(data)
-    class(member_data_t), intent(in) :: self
+    type(member_data_t), intent(in) :: self
     real(wp), intent(in) :: t
     integer, intent(in) :: member            ! from 1
 
@@ -170,7 +168,7 @@ contains
     integer, intent(out) :: code                   ! nonzero stops the integration
 
     f = nan
-    code = self%function(t, y, f, transfer(self%data%at(t, self%member), c_null_ptr))
+    code = self%function(t, y, f, transfer(data_at(self%data, t, self%member), c_null_ptr))
   end subroutine evaluate_rhs
 
 end module inputs_m

@@ -57,12 +57,11 @@ contains
     if (x%frame%derivatives) then
       call evaluate_rhs(x%problem%rhs, size(y), size(y), x%request%t, x%request%y, &
                         x%request%slope, x%request%detail)
+      call coefficients_of(x%frame, x%request%t, y, x%request%slope, x%request%answer)
     else
       call evaluate_rhs(x%problem%rhs, size(y), x%frame%dimension, x%request%t, x%request%y, &
                         x%request%answer, x%request%detail)
     end if
-    if (x%frame%derivatives) &
-      call coefficients_of(x%frame, x%request%t, y, x%request%slope, x%request%answer)
     call check_coefficients(x, y)
   end subroutine request
 

@@ -162,7 +162,8 @@ contains
         end if
       end if
       if (x%status /= finished) return
-      x%weight(:) = x%h * x%method%flows%weight
+      if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
+      x%weight_h = x%h
       x%stage = 1
       x%collocation%iteration = 0
       x%implicit%first = 0

@@ -185,7 +185,8 @@ module trajectory_m
     ! step_size_m, which starts a step
     integer :: segment = 1
     real(wp) :: t_end = 0.0_wp               ! the end of the step
-    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
+    real(wp) :: weight_h = 0.0_wp
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times weight_h
     ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
@@ -193,8 +194,7 @@ module trajectory_m
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) the flows followed last
     ! (dimension, summands) see method_t; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
-    ! (dimension, summands) what dexp^-1 has added to f, of a method on the algebra
-    real(wp), allocatable :: added(:, :)
+    real(wp), allocatable :: added(:, :)     ! (dimension, summands) what dexp^-1 has added to f
     type(joints_t) :: joints                 ! paths_m alone
     type(implicit_t) :: implicit             ! implicit_m alone
     type(collocation_t) :: collocation       ! collocation_m alone
@@ -254,7 +254,8 @@ contains
       last = merge(1, 0, record%keep_last)
       allocate (x%y(n, 0:paths), x%last_y(n * last), x%last_slope(m * last), &
                 x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
-                x%added(m, merge(summands, 0, method%estimate == parts_of_series_estimate)), &
+                x%added(m, merge(summands, 0, problem%adaptive .and. &
+                                 method%estimate == parts_of_series_estimate)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
                                              .and. method%kind == splitting_kind)), &
                 source=0.0_wp, stat=alloc_status)

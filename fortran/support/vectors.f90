@@ -5,7 +5,7 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: add_columns, combine, copy, cross, finite
+  public :: add_columns, add_multiple, combine, copy, cross, finite
 
   ! ieee_value would save and restore the floating-point state, as ieee_is_finite would
   real(wp), parameter, public :: nan = transfer(int(z'7FF8000000000000', int64), 1.0_wp)
@@ -69,12 +69,12 @@ module vectors_m
 
 contains
 
-  ! Tells whether all numbers are finite, by a loop that vectorizes.
+  ! Tells whether all numbers are finite.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
 
-    finite = count(.not. abs(x) <= huge(x)) == 0
+    finite = all(abs(x) <= huge(x))
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, for speed.
@@ -86,9 +86,22 @@ contains
 
     sum = 0.0_wp
     do j = 1, n
-      if (weight(j) /= 0) sum = sum + weight(j) * k(:, j)
+      if (weight(j) /= 0) call add_multiple(m, weight(j), k(:, j), sum)
     end do
   end subroutine combine
+
+  ! Adds a multiple of a vector to another one, by a loop for long ones.
+  pure subroutine add_multiple(n, factor, x, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: factor, x(n)
+    real(wp), intent(inout) :: y(n)
+    integer :: i
+
+    !GCC$ vector
+    do i = 1, n
+      y(i) = y(i) + factor * x(i)
+    end do
+  end subroutine add_multiple
 
   ! Copies a vector. In a procedure the compiler knows that columns of an array don't overlap.
   pure subroutine copy(n, from, to)
