@@ -142,10 +142,11 @@ def _identities(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Ident
     yield _SLOPE, slope, tangent, _DIFFERENCES, y
 
     tangents = frame.field(np.stack([u, v]), y)
-    w = frame.coefficients(y, tangents)
+    recovered = frame.coefficients(y, tangents)
     problem = "field(coefficients(y, dy), y) isn't dy"
-    yield problem, frame.field(w, y), tangents, _IDENTITY, y
-    yield "coefficients have isotropy", frame.without_isotropy(w, y), w, _IDENTITY, u, v
+    yield problem, frame.field(recovered, y), tangents, _IDENTITY, y
+    horizontal = frame.without_isotropy(recovered, y)
+    yield "coefficients have isotropy", horizontal, recovered, _IDENTITY, u, v
 
     yield "points aren't on the manifold", frame.relative_error(y), 0.0, _IDENTITY
     yield "flow leaves the manifold", frame.relative_error(moved), 0.0, _IDENTITY

@@ -18,7 +18,7 @@ Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
 
 
-class Facts:
+class FrameFacts:
     """What integrations ask of a frame at each call, computed once."""
 
     def __init__(self, frame: Frame) -> None:
@@ -46,7 +46,7 @@ class Facts:
         return self.no_brackets is None
 
 
-facts_of = cached_by_value(Facts)
+facts_of = cached_by_value(FrameFacts)
 """The facts of a frame, which are kept for the last 64 frames."""
 
 

@@ -18,7 +18,7 @@ from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
-from cg.support.checks import check_choice, check_real, short
+from cg.support.checks import check_choice, check_integer, check_real, short
 from cg.support.shared_numbers import BlockKind, RowForm, Stop
 
 Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
@@ -132,16 +132,13 @@ def _attachment(value: Any, name: str, kind: str) -> tuple[Any, ...]:
     """Return a body, a point and axes as hashable numbers."""
     if not isinstance(value, tuple | list) or len(value) not in (2, 3):
         raise ValueError(f"{name} must be (body, point) or (body, point, axes), got {short(value)}")
-    body = value[0]
-    if body is not None and (not isinstance(body, int | np.integer) or isinstance(body, bool)):
-        raise TypeError(f"the body of {name} must be an integer or None, got {body!r}")
+    body = None if value[0] is None else check_integer(f"the body of {name}", value[0], 0)
     point = real_array(value[1], f"the point of {name}")
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ValueError(f"the point of {name} must be three finite numbers, got {short(value[1])}")
-    axes: Any = ()
-    if len(value) == 3 and len(value[2]):
-        axes = _axes(real_array(value[2], f"the axes of {name}"), name, kind)
-    return None if body is None else int(body), tuple(point.tolist()), axes
+    axes = np.empty(0) if len(value) == 2 else real_array(value[2], f"the axes of {name}")
+    rows = _axes(axes, name, kind) if axes.size else ()
+    return body, tuple(point.tolist()), rows
 
 
 def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
@@ -188,7 +185,7 @@ def bodies_of(frame: Frame) -> list[list[int]]:
 
 
 def _factors_in(frame: Frame, product: object = None) -> Iterator[tuple[Frame, object]]:
-    """Yield the factors of nested products and powers, each with what stands for its product."""
+    """Yield the factors of nested products and powers, each with an object for its product."""
     if type(frame) is Product:
         product = object()
         for factor in frame.factors:
@@ -214,7 +211,7 @@ class Linkage:
         bodies = bodies_of(frame.configuration)
         self.joints = frame.joints
         for k, joint in enumerate(self.joints):
-            if max(joint.bodies) >= len(bodies) or min(joint.bodies) < -1:
+            if max(joint.bodies) >= len(bodies):
                 raise ValueError(
                     f"the bodies of joints[{k}] must be less than {len(bodies)}, the number of "
                     f"attitudes and positions in space of {frame.configuration!r}, got "

@@ -199,7 +199,7 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     from scipy import sparse
 
     if not np.iterable(generators) or isinstance(generators, str | bytes):
-        raise ValueError(f"generators must be a sequence of matrices, got {generators!r}")
+        raise TypeError(f"generators must be a sequence of matrices, got {generators!r}")
     matrices: list[sparse.csr_array] = []
     for i, generator in enumerate(generators):
         try:

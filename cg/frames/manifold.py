@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
+from cg.support.checks import check_real
 
 FLOAT64 = np.dtype(np.float64)
 MEMBERSHIP_TOLERANCE = 1e-8
@@ -122,8 +122,7 @@ class Manifold(ABC):
         finite or has a larger `state_error` than ``tolerance``; it calls the argument ``name``.
         """
         check_name(name)
-        if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
-            raise ValueError(f"tolerance must be a non-negative number, got {tolerance!r}")
+        tolerance = check_real("tolerance", tolerance, infinite=True)
         point = self.read_points(y, name)
         if point.shape != self.point_shape:
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
@@ -152,11 +151,10 @@ class Manifold(ABC):
         except NotImplementedError:
             return ""
         except ValueError as error:  # about ``y``, as `project` calls the point
-            return f"; {'it' if '(' in name else name} {str(error).removeprefix('y ')}"
+            return f"; {name} {str(error).removeprefix('y ')}"
         if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
             return ""
-        argument = "it" if "(" in name else name.partition("[")[0]
-        return f"; frame.project({argument}) is the nearest point"
+        return f"; frame.project({name}) is the nearest point"
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:
         """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""

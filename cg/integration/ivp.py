@@ -133,11 +133,11 @@ def solve_ivp(
     jac
         ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
         ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
-        zero. It may be compiled as ``f`` may; it writes its rows one after the other.
+        zero. It may return a sparse matrix of SciPy, or be the matrix itself if it is constant. It
+        may be compiled as ``f`` may; it writes its rows one after the other.
 
-        For ``"RadauIIA5"`` it may also return a sparse matrix of SciPy, or be the matrix itself if
-        it is constant; by default they are differences, which take ``dim`` evaluations of ``f``.
-        With ``derivatives`` it serves for these, with any method, and by default they are central
+        By default ``"RadauIIA5"`` takes differences, with ``dim`` evaluations of ``f``. With
+        ``derivatives`` it serves for these, with any method, and by default they are central
         differences with steps of :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1,
         s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
         evaluations of ``f``.

@@ -74,7 +74,7 @@ def _shifted(frame: PhaseSpace, y: Points) -> Points:
 
 
 def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
-    """Return what ``f`` returns for several members, in one call if it is vectorized."""
+    """Return the results of ``f`` for several members, in one call if it is vectorized."""
     if isinstance(rhs, PythonRhs) and rhs.vectorized:
         return np.array(rhs.answers(t.copy(), members, y.copy()))
     calls = zip(members.tolist(), t.tolist(), y, strict=True)
@@ -216,7 +216,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     if one_by_one and options["common_steps"]:
         what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
         raise ValueError(f"common_steps must be False with inertia and {what}")
-    entries = value if isinstance(value, list | tuple) else list(np.asarray(value))
+    entries = value if isinstance(value, list | tuple) else list(np.atleast_1d(value))
     if not entries or members not in (1, len(entries)):
         raise ValueError(
             f"inertia must have {members} entries, one for each member, got {len(entries)}"

@@ -160,7 +160,7 @@ class Problem:
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
-        """Return what functions of a member get after time and point."""
+        """Return the arguments of a member's functions after time and point."""
         if not self.member_inputs:
             return self.rhs.extra.arguments(member)
         return self.part(slice(member, member + 1)).rhs.extra.arguments(0)
@@ -424,14 +424,17 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = arguments.read_points(plan.frame, y0).reshape(-1, *plan.point_shape)
+    rows = np.atleast_2d(plan.frame._points(y0, "y0"))
+    if rows.ndim > 2:
+        raise ValueError(f"y0 must have at most one axis of members, got shape {rows.shape}")
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
     members = len(inertia.signed_columns)
     points = []
     for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
         member_plan: Any = inertia.plan(k, plan)
-        points.append(arguments.read_starts(member_plan, y, False)[0])
-        member_plan.frame.check_rank(points[-1], "y0")
+        name = f"y0[{k}]" if len(rows) > 1 else "y0"
+        points.append(arguments.read_starts(member_plan, y, False, name)[0])
+        member_plan.frame.check_rank(points[-1], name)
     first = inertia.plan(0, plan)
     _, numbers = arguments.check_points(
         first, np.array([points[0]] * members), options["parameters"], True

@@ -212,7 +212,7 @@ class Stepper:
         return stopped if self._many else _NONE_STOPPED
 
     def _events(self, select: Any) -> list[Any] | None:
-        """Return what ``select(t, y)`` is of each event, of an ensemble for each member."""
+        """Return ``select(t, y)`` of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
         places, t, y = self._run.events()

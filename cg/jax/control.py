@@ -28,6 +28,7 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
+from cg.support.checks import check_real
 from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL, EstimateForm
 from cg.tables import MAX_ANGLE, MethodTable
 
@@ -89,7 +90,7 @@ def controller(
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
     ):
-        raise ValueError(f"rtol and atol must not be negative, nor both be zero, {tolerances}")
+        raise ValueError(f"rtol and atol must be positive or zero, and not both zero, {tolerances}")
     if not traced and relative + absolute.max() < least:
         warnings.warn(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "
@@ -97,8 +98,8 @@ def controller(
             + ("" if jax.config.jax_enable_x64 else "; set jax_enable_x64 for double precision"),
             stacklevel=2,
         )
-    if max_step is not None and not max_step > 0.0:
-        raise ValueError(f"max_step must be positive, got {max_step!r}")
+    if max_step is not None:
+        max_step = check_real("max_step", max_step, positive=True, infinite=True)
     return FrameController(relative, absolute, frame, max_step)
 
 

@@ -30,7 +30,7 @@ from cg.jax.term import (
     rules_in,
     unwrapped,
 )
-from cg.support.checks import check_choice, check_flag
+from cg.support.checks import check_choice, check_flag, check_real
 from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
@@ -115,8 +115,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             raise ValueError(f"method must not be a splitting method in JAX, got {table!r}")
         check_choice("dense", dense, _DENSE)
         unroll = check_flag("unroll", unroll)
-        if max_angle is not None and not max_angle > 0.0:
-            raise ValueError(f"max_angle must be positive, got {max_angle!r}")
+        if max_angle is not None:
+            max_angle = check_real("max_angle", max_angle, positive=True, infinite=True)
         self.table = table
         self.dense = dense
         self.unroll = unroll

@@ -58,6 +58,15 @@ def test_check_reports_inconsistencies(change, message):
         check(FieldFrame(**(RIGHT | change)))
 
 
+def test_check_reports_brackets_of_no_lie_algebra():
+    """Where fields vanish, they are commutators whatever they are."""
+    algebra = FieldFrame(
+        [lambda y: np.zeros(1)] * 3, lambda v, y: y, point_shape=1,
+        bracket=lambda u, v: np.array([0.0, np.cross(u, v)[2], np.cross(u, v)[0]]),
+    )  # fmt: skip
+    refuses(ValueError, "bracket violates Jacobi's identity", check, algebra, points=[[1.0]])
+
+
 def test_check_reports_flows_off_the_manifold():
     off = lambda v, y: Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
     circle = FieldFrame(

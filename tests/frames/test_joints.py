@@ -193,7 +193,7 @@ def test_joints_that_diverge_are_refused():
     )  # fmt: skip
     turn = SO3().flow(-2 * np.pi / 3 * np.ones(3) / 3**0.5, np.eye(3))
     q = [[*np.eye(3).ravel(), 0, 0, 0], [*turn.ravel(), *([0, 0, 0.5] + turn @ [0, 0, 0.5])]]
-    refuses(ValueError, "closed nearly", frame.join, np.array(q), np.zeros(12))
+    refuses(ValueError, "must nearly close joints", frame.join, np.array(q), np.zeros(12))
     apart = [Joint("ball", (None, [0, 0, 0]), END), Joint("ball", (None, [9, 0, 0]), END)]
     frame = PhaseSpace(Product(SO3(), Euclidean(3)), joints=apart)
     refuses(ValueError, "near random points", frame.random_point, np.random.default_rng(0))
@@ -242,10 +242,12 @@ END = (0, [0.0, 0.0, 0.0])
     (("ball", END, END), {}, ValueError, "different bodies"),
     (("ball", (0,), (1, NEXT)), {}, ValueError, r"first must be \(body, point\)"),
     (("ball", END, (1.0, NEXT)), {}, TypeError, "body of second must be an integer"),
+    (("ball", END, (-1, NEXT)), {}, ValueError, "body of second must be at least 0, got -1"),
     (("ball", END, (1, [1, 2])), {}, ValueError, "three finite numbers"),
     (("ball", END, (1, NEXT, np.eye(3))), {}, ValueError, "axes of second must not be given"),
     (("slider", END, (1, NEXT, [0, 0, 1])), {}, ValueError, "columns of a rotation matrix"),
     (("hinge", END, (1, NEXT, [0, 0, 0])), {}, ValueError, "finite length"),
+    (("hinge", END, (1, NEXT, 5)), {}, ValueError, "columns of a rotation matrix, got 5"),
     (("fixed", END, (1, NEXT, 2 * np.eye(3))), {}, ValueError, "columns of a rotation matrix"),
     (("ball", END, (1, NEXT)), {"length": 1.0}, ValueError, "'distance' alone"),
     (("distance", END, (1, NEXT)), {}, ValueError, "'distance' alone"),

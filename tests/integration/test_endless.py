@@ -136,10 +136,21 @@ class TestConstantJacobian:
         assert reference.njev > 0 == run.njev
         assert np.allclose(run.y, reference.y, rtol=0.0, atol=1e-11)
 
+    @pytest.mark.parametrize(
+        "convert", [np.asarray, csc_array, lambda m: lambda t, y: csc_array(m)]
+    )
+    def test_it_serves_for_derivatives(self, convert):
+        reference, run = (
+            self.solve(jac, derivatives="forward", rtol=1e-6)
+            for jac in (lambda t, y: self.MATRIX, convert(self.MATRIX))
+        )
+        assert np.array_equal(run.transition, reference.transition)
+
     def test_another_shape_is_refused(self):
         message = r"jac must have shape \(2, 2\), got \(3, 3\)"
         for matrix in (np.eye(3), np.eye(3).tolist(), csc_array(np.eye(3))):
             refuses(ValueError, message, self.solve, matrix)
+            refuses(ValueError, message, self.solve, matrix, derivatives="forward")
         refuses(ValueError, "jac must be an array of real", self.solve, [[1.0], [1.0, 2.0]])
 
 

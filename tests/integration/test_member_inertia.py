@@ -9,6 +9,12 @@ import cg
 from cg.frames import SO3, Euclidean, Joint, PhaseSpace, Power, Product, UnitQuaternion
 
 TOP = system(SO3(), INERTIA)
+PIVOT = Joint("ball", (None, [0, 0, 0]), (0, [0, 0, 1]))
+HUNG = {
+    "frame": PhaseSpace(Product(SO3(), Euclidean(3)), joints=[PIVOT]),
+    "inertia": [(1.0, 1.0), (2.0, 1.0)],
+}
+Y_HUNG = [*np.eye(3).ravel(), 0, 0, -1, *np.zeros(6)]
 ROWS = [INERTIA, MATRIX, 2.0, [2.0, 1.5, 1.5]]
 METHODS = [{"method": "BlanesMoan4", "h": 0.1}, {"method": "DOP853", "rtol": 1e-6}]
 
@@ -137,6 +143,10 @@ def test_a_heat_bath_has_the_inertia_of_the_member():
     ({"inertia": [INERTIA, [1.0, 0.0, 1.0]]}, r"inertia\[1\] must be positive definite"),
     ({"derivatives": "forward", "common_steps": True}, "False with inertia and derivatives"),
     ({"frame": SO3(), "y0": np.eye(3)}, "unless frame is a phase space"),
+    ({"inertia": 2.0, "y0": np.stack([TOP.y0] * 4)}, "inertia must have 4 entries, .* got 1"),
+    ({**HUNG, "y0": np.zeros((2, 17))}, r"y0 must have shape \(..., 18\), got \(2, 17\)"),
+    ({**HUNG, "y0": np.zeros((1, 2, 18))}, "y0 must have at most one axis of members"),
+    ({**HUNG, "y0": [Y_HUNG, np.zeros(18)]}, r"y0\[1\] must be a point of PhaseSpace"),
 ])  # fmt: skip
 def test_what_is_refused(changes, message):
     options = {"y0": TOP.y0, "frame": TOP.frame, "inertia": ROWS, **changes}

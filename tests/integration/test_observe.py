@@ -89,6 +89,7 @@ class TestFailures:
         ({"observe": 3}, TypeError, r"observe must be callable as observe\(t, y\)"),
         ({"observe": [height]}, TypeError, "or a list of compiled functions"),
         ({"observe": lambda t, y: []}, ValueError, "observe must return at least one number"),
+        ({"observe": lambda t, y: [1, [2]]}, ValueError, "observe must be an array of real"),
         ({"store": "observed"}, ValueError, "observe must be given with store='observed'"),
         ({"observe": height, "store": "some"}, ValueError, "store must be one of 'all', "),
     ])  # fmt: skip

@@ -111,6 +111,7 @@ def test_a_time_that_is_no_number_is_named():
     message = "t must lie within the times of the samples, 0 to 1, got nan$"
     refuses(ValueError, message, curve, float("nan"))
     refuses(ValueError, message, curve.at, np.array([0.5, np.nan]))
+    refuses(TypeError, "t must be a real number, got 'a'", curve, "a")
 
 
 @pytest.mark.parametrize("kind", ["hold", "linear", "cubic"])

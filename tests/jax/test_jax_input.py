@@ -123,10 +123,12 @@ class TestRefusals:
     def test_controllers(self):
         frame = fr.UnitQuaternion()
         refuses(ValueError, "atol must", cg.jax.controller, frame, 1e-6, np.ones(4))
-        with pytest.raises(ValueError, match="must not be negative, nor both be zero"):
+        with pytest.raises(ValueError, match="must be positive or zero, and not both zero"):
             cg.jax.controller(frame, 0.0, 0.0)
         refuses(ValueError, "rtol and atol must", cg.jax.controller, frame, "a", 0.0)
         refuses(ValueError, "max_step must", cg.jax.controller, frame, 1e-6, 1e-6, max_step=0)
+        refuses(TypeError, "max_step must", cg.jax.controller, frame, 1e-6, 1e-6, max_step="a")
+        refuses(TypeError, "max_angle must", cg.jax.Solver, "CF4", max_angle="a")
         other = cg.jax.controller(ATTITUDE_AND_VELOCITY, 1e-6, 1e-6)
         with pytest.raises(ValueError, match="controller must"):
             diffrax.diffeqsolve(

@@ -29,7 +29,7 @@ from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradien
 from cg.integration.derivatives.variational_equation import (
     count_parameters,
     parameter_differences,
-    structure_of,
+    structure_constants_of,
 )
 from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.problem import Problem
@@ -283,7 +283,7 @@ def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> A
         matrices = frame.dense()
         at, rest = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
         return AdjointEquation(at, frame.point_shape, tolerance, count, inputs, *rest)
-    structure, brackets = structure_of(frame), np.zeros((frame.dim,) * 3)
+    structure, brackets = structure_constants_of(frame), np.zeros((frame.dim,) * 3)
     i, j, k = structure.index
     brackets[i, k, j] = structure.constants
     return AdjointEquation(partial(linearisation, brackets), (frame.dim,), tolerance, count, inputs)

@@ -79,7 +79,7 @@ def check_covariance(
 
 
 def _fault(matrix: Array) -> str:
-    """Return what a covariance must be and isn't, an empty text if nothing is wrong."""
+    """Return why a matrix is no covariance, an empty text if it is one."""
     if not np.abs(matrix - matrix.mT).max() <= _COVARIANCE_ERROR * np.abs(matrix).max():
         return f"symmetric, got {matrix.tolist()}"
     eigenvalues = np.linalg.eigvalsh(matrix)

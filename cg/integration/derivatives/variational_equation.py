@@ -15,7 +15,7 @@ from cg.frames.facts import facts_of
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.python import Check, Derivative, Rhs, when
+from cg.integration.rhs.python import Derivative, Rhs, RhsCheck, when
 from cg.support.arrays import Array, Points, check_finite, read_only
 from cg.support.caches import cached_by_value
 
@@ -88,13 +88,13 @@ class VariationalEquation:
     def __post_init__(self) -> None:
         vars(self).update(
             product=_product(self.frame, self.column_count),
-            structure=_NO_CONSTANTS if self.forces_alone else structure_of(self.frame),
-            check=Check(self.f, self.frame, self.vectorized),
+            structure=_NO_CONSTANTS if self.forces_alone else structure_constants_of(self.frame),
+            check=RhsCheck(self.f, self.frame, self.vectorized),
         )
 
     product: Product = field(init=False)  # the frame of points with derivatives
-    structure: Structure = field(init=False, repr=False)
-    check: Check = field(init=False, repr=False)
+    structure: StructureConstants = field(init=False, repr=False)
+    check: RhsCheck = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEquation, tuple(getattr(self, x.name) for x in fields(self) if x.init)
@@ -290,7 +290,7 @@ def _product(frame: Frame, columns: int) -> Product:
     return product
 
 
-class Structure:
+class StructureConstants:
     """The structure constants of the fields that aren't zero.
 
     ``index`` holds i, j, k, shape ``(3, constants)``, and ``constants`` the parts of [E_i, E_j]
@@ -305,11 +305,11 @@ class Structure:
         self.addresses = self._kept[0].ctypes.data, self._kept[1].ctypes.data
 
 
-_NO_CONSTANTS = Structure(np.zeros((3, 0), dtype=np.intp), np.zeros(0))
+_NO_CONSTANTS = StructureConstants(np.zeros((3, 0), dtype=np.intp), np.zeros(0))
 
 
 @cached_by_value
-def structure_of(frame: Frame) -> Structure:
+def structure_constants_of(frame: Frame) -> StructureConstants:
     """Return the structure constants of a frame, which are kept."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]
@@ -318,4 +318,4 @@ def structure_of(frame: Frame) -> Structure:
         j, k = np.nonzero(np.abs(brackets) > 1e-14 * np.abs(brackets).max(initial=0.0))
         rows.append(np.stack([np.full_like(j, i), j, k]))
         values.append(brackets[j, k])
-    return Structure(np.concatenate(rows, axis=1), np.concatenate(values))
+    return StructureConstants(np.concatenate(rows, axis=1), np.concatenate(values))

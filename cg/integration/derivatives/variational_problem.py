@@ -1,4 +1,4 @@
-"""Problems of points with their derivatives, and what their solutions give to users."""
+"""Problems of points with their derivatives, and their solutions as users get them."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,10 @@ from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import Derivative, Rhs, derivative_of, when
-from cg.support.arrays import Array, Points, read_only, real_array
+from cg.integration.rhs.python import Derivative, Rhs, derivative_of, is_matrix, when
+from cg.support.arrays import Array, Points, read_only
 from cg.support.shared_numbers import Operation
 from cg.tables import Kind, MethodTable
-
-
-def _constant(matrix: Any, t: Any, *_: Any) -> Any:
-    """Return a matrix that was given as ``jac``, or a stack of it for an array of times."""
-    return matrix if np.ndim(t) == 0 else np.broadcast_to(matrix, (*t.shape, *matrix.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +102,7 @@ def jacobian_of(
         raise ValueError(
             f"method must be 'RadauIIA5' with jac but without derivatives, got {table!r}"
         )
-    is_sparse = hasattr(jac, "tocsc")
-    constant = isinstance(jac, np.ndarray | list | tuple) or is_sparse
-    shape = frame.dim, frame.dim
-    if constant:
-        matrix = jac.toarray() if is_sparse and rhs.vectorized else jac
-        matrix = matrix if hasattr(matrix, "tocsc") else real_array(matrix, "jac")
-        if matrix.shape != shape:
-            raise ValueError(f"jac must have shape {shape}, got {matrix.shape}")
-        jac = partial(_constant, matrix)
+    constant, shape = is_matrix(jac), (frame.dim, frame.dim)
     derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.extra.inputs)
     assert derivative is not None
     sparse = False

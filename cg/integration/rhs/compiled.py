@@ -108,7 +108,7 @@ class CompiledRhs:
         return self.frame.complete_rhs(self.answer(member, t, y), y)
 
     def answer(self, member: int, t: float, y: Points) -> Array:
-        """Return what the function writes for a member."""
+        """Return the result of the function for a member."""
         assert self.frame is not None
         _, data, distance = self.addresses()
         if (inputs := self.extra.inputs) is not None:
@@ -118,7 +118,7 @@ class CompiledRhs:
         return value
 
     def at_times(self, times: Array, y: Points) -> Array:
-        """Return what the function writes for a single member at times and points."""
+        """Return the results for a single member at times and points."""
         assert self.frame is not None
         shape = (self.frame.dim,)
         inputs = self.extra.inputs
@@ -126,7 +126,7 @@ class CompiledRhs:
         return self.values(self.frame, self.data_address, times, y, shape, table)
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:
-        """Return what the function writes at several points; ``rest`` is that of `call_rhs`."""
+        """Return the results at several points; ``rest`` is that of `call_rhs`."""
         return call_rhs(self, self.address, data, frame, *rest)
 
 
@@ -134,7 +134,7 @@ def call_rhs(
     rhs: Any, address: int, data: int, frame: Frame, t: float | Array, y: Points,
     shape: tuple[int, ...] = (), table: Any = (),
 ) -> Array:  # fmt: skip
-    """Return what a function in C writes at several points, shape ``(len(y), *shape)``.
+    """Return the results of a function in C at several points, shape ``(len(y), *shape)``.
 
     ``rhs`` names it in messages. The points have one time, or one each, at which inputs with a
     ``table`` are written. ``shape`` is by default that of ``f``; values that the function doesn't

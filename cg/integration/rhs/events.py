@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_value
-from cg.support.arrays import Array, Points, read_only
+from cg.support.arrays import Array, Points, read_only, real_array
 from cg.support.checks import NO_LIMIT, check_choice, check_flag, check_number, check_real
 from cg.support.records import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
@@ -118,9 +118,6 @@ class Event:
         if flag and compiled_event(self.function) is not None:
             raise ValueError(f"{name}.vectorized must be False for a compiled function, got True")
         return count, int(direction > 0.0) - int(direction < 0.0)
-
-
-_DEFAULTS = {field.name: field.default for field in fields(Event)[1:]}
 
 
 class EventTable:
@@ -226,13 +223,8 @@ class EventTable:
         y.flags.writeable = False
         jump = self.events[index].jump
         assert jump is not None
-        raw = jump(t, y, *arguments)
-        try:
-            return self.frame.check_point(
-                raw, tolerance=tolerance, name=f"events[{index}].jump(t, y)"
-            )
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{error}, at t = {t:.17g}") from error
+        name = f"events[{index}].jump(t, y)"
+        return self.frame.check_point(jump(t, y, *arguments), tolerance=tolerance, name=name)
 
 
 def _with_input(event: Event) -> Event:
@@ -246,9 +238,9 @@ def _with_input(event: Event) -> Event:
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    attributes = {name: getattr(event, name, default) for name, default in _DEFAULTS.items()}
-    # checked later, with its index in messages
-    return filled(Event, {"function": event, **attributes})
+    terminal, direction = getattr(event, "terminal", False), getattr(event, "direction", 0.0)
+    # checked later, with its index in messages; other fields are those of the class
+    return filled(Event, {"function": event, "terminal": terminal, "direction": direction})
 
 
 class ObserverRecord(ctypes.Structure):
@@ -322,7 +314,7 @@ class StepFunction(Observer):
 def observer_of(
     observe: Any, store: Any, frame: Frame, rhs: Rhs, t: float, y: Points
 ) -> Observer | None:
-    """Return what is evaluated at output times, after calling it at the initial point."""
+    """Return the observer at output times, after calling it at the initial point."""
     check_choice("store", store, ("all", "observed"))
     keeps_points = store == "all"
     if observe is None:
@@ -340,7 +332,8 @@ def observer_of(
         )
     if rhs.extra.inputs is not None:
         observe = WithInput(observe)
-    shape = np.shape(observe(t, read_only(y.copy()), *rhs.extra.arguments(0)))
+    value = observe(t, read_only(y.copy()), *rhs.extra.arguments(0))
+    shape = real_array(value, "the result of observe").shape
     if 0 in shape:
         raise ValueError(f"observe must return at least one number, got shape {shape}")
     return Observer(observe, frame, shape, keeps_points)

@@ -1,4 +1,4 @@
-"""Inputs of an integration: what its functions get of curves through samples."""
+"""Inputs of an integration: curves through samples, as its functions get them."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class Reader:
         return first
 
     def __call__(self, t: Any) -> Any:
-        """Return what functions get after time and point, or rows for an array of times."""
+        """Return the arguments of functions after time and point, or rows for an array of times."""
         if isinstance(t, float):
             return self.function()(t)
         members = np.atleast_1d(self._member)
@@ -256,7 +256,7 @@ class ExtraArguments(NamedTuple):
         return None if self.parameters is None else self.parameters.shape[-1]
 
     def arguments(self, member: Any) -> tuple[Any, ...]:
-        """Return what functions of a member, or of an array of members, get."""
+        """Return the arguments of the functions of a member, or of an array of members."""
         if self.parameters is None and self.inputs is None:
             return self.args
         lead = () if self.inputs is None else (Reader(self.inputs, member),)

@@ -6,6 +6,7 @@ import math
 from array import array as numbers_in_memory
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ def read_value(
     value: Any, name: str, shape: tuple[int, ...], t: Any, rows: str = "",
     hint: Callable[..., str] | None = None, number: bool = False, dtype: Any = np.float64,
 ) -> Points:  # fmt: skip
-    """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
+    """Return the result of a function at ``t`` as a new array; ValueError if it has another shape.
 
     A vectorized function returns ``rows``, each of a member or of a time. `hint` returns the end of
     the message about another shape.
@@ -61,7 +62,7 @@ def read_value(
 def read_finite(
     value: Any, name: str, shape: tuple[int, ...], t: Any, number: bool = False
 ) -> Array:
-    """Return what a function returned as a new array; ValueError unless it is finite as well.
+    """Return the result of a function as a new array; ValueError unless it is finite as well.
 
     A single number may have any shape if ``number``.
     """
@@ -71,8 +72,8 @@ def read_finite(
     return array
 
 
-class Check:
-    """The check of what ``f`` returns."""
+class RhsCheck:
+    """The check of results of ``f``."""
 
     def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
         self.frame, self.vectorized = frame, vectorized
@@ -90,7 +91,7 @@ class Check:
         return "; rhs='derivative' takes derivatives of y" if derivative else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
-        """Return what ``f(t, y)`` returned as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
+        """Return the result of ``f(t, y)`` as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
 
         ValueError is raised if it has another shape. Numbers that aren't finite pass: compiled code
         rejects the step in which they are.
@@ -191,7 +192,7 @@ class PythonRhs(Contexts):
         vectorized: bool = False,
     ) -> None:  # fmt: skip
         self.f, self.frame, self.extra, self.vectorized = f, frame, extra, vectorized
-        self.check = Check(f, frame, vectorized)
+        self.check = RhsCheck(f, frame, vectorized)
         members = None if vectorized else extra.members
         super().__init__(f, extra, members, frame, frame.rhs_shape, self.check, frame.rhs_dtype)
 
@@ -227,14 +228,14 @@ class PythonRhs(Contexts):
         return self.frame.complete_rhs(self.answer(member, t, y), y)
 
     def answer(self, member: int, t: float, y: Points) -> Array:
-        """Return what ``f`` returns for a member as a new array, after checking it."""
+        """Return the result of ``f`` for a member as a new array, after checking it."""
         if self.vectorized:
             row: Array = self.answers(np.array([t]), np.array([member]), y[None])[0]
             return row
         return self.check(self.f(t, read_only(y), *self.extra.arguments(member)), t)
 
     def answers(self, t: Array, members: Any, y: Points) -> Array:
-        """Return what ``f`` returns for several members, after checking it.
+        """Return the results of ``f`` for several members, after checking them.
 
         The shape is ``(n, *rhs_shape)``.
         """
@@ -275,8 +276,27 @@ class Derivative:
 
     def check(self, value: Any, t: Any, _: Any = None) -> Array:
         """Return the value of the function as a C-ordered array, after checking it."""
+        value = value.toarray() if hasattr(value, "tocsc") else value
         expected = (len(t), *self.shape) if self.vectorized else self.shape
         return read_finite(value, self.name, expected, t, number=True)
+
+
+def is_matrix(function: Any) -> bool:
+    """Return whether a matrix is given in place of a function, sparse or not."""
+    return isinstance(function, np.ndarray | list | tuple) or hasattr(function, "tocsc")
+
+
+def _read_matrix(value: Any, name: str, shape: tuple[int, ...], vectorized: bool) -> Any:
+    sparse = hasattr(value, "tocsc")
+    matrix: Any = value if sparse else real_array(value, name)
+    if matrix.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {matrix.shape}")
+    return matrix.toarray() if sparse and vectorized else matrix
+
+
+def _constant(matrix: Any, t: Any, *_: Any) -> Any:
+    """Return a matrix, or a stack of it for an array of times."""
+    return matrix if np.ndim(t) == 0 else np.broadcast_to(matrix, (*t.shape, *matrix.shape))
 
 
 def derivative_of(
@@ -290,7 +310,9 @@ def derivative_of(
     if compiled is None:
         if function is None:
             return None
-        if not callable(function):
+        if is_matrix(function):
+            function = partial(_constant, _read_matrix(function, name, shape, vectorized))
+        elif not callable(function):
             raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
     if isinstance(frame, PhaseSpace) and kind is Derivative:
         # f returns forces, and derivatives would be those of all coefficients

@@ -340,9 +340,7 @@ class Samples(ReadOnly):
         member
             The member of an ensemble, for values of several members. All of them by default.
         """
-        if not isinstance(t, float) and np.ndim(t):
-            raise ValueError(f"t must be one time, got shape {np.shape(t)}")
-        return self.reader(member)(t)
+        return self.reader(member)(check_number("t", t))
 
     def reader(self, member: int | None = None) -> Callable[[float], Any]:
         """Return the curve, or that of a member, as a function that takes little time."""
@@ -379,7 +377,8 @@ class Samples(ReadOnly):
         """Return the curve with an amount added to it at all times."""
         end = self.end if self.kind == "hold" and self.end < math.inf else None
         values = self.values + amount.reshape(self.shape)
-        return Samples(self.times, values, self.kind, end=end, causal=self.causal)
+        many = self.members is not None
+        return Samples(self.times, values, self.kind, end=end, causal=self.causal, members=many)
 
     def by_values(self, t: Array, by_curve: Array) -> Array:
         """Return the derivatives by all values of a sum over times.

@@ -128,7 +128,7 @@ def _not_finite(run: Run, member: int) -> str:
 
 
 def _got(run: Run, member: int, t: float) -> str:
-    """Return what ``f`` gave at the start, since the points of later stages are unknown."""
+    """Return the result of ``f`` at the start, since the points of later stages are unknown."""
     if t != run.t0 or run.problem.finish is not None:  # with derivatives it would hold these
         return ""
     value = run.rhs.answer(member, t, run.plan.points(run.end[member].copy(), ()))

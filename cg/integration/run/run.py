@@ -317,7 +317,7 @@ class Run:
         self._core.run_continue(self.address, False)
 
     def saved(self) -> dict[str, Any]:
-        """Return what another run of the same problem needs to go on."""
+        """Return the state that another run of the same problem needs to go on."""
         states = np.empty((self._lanes, self.record.state_size), np.int8)
         self._core.run_state(self.address, False, states.T)
         jacobian = self.callbacks.jacobian
@@ -329,7 +329,7 @@ class Run:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go on from what another run has saved."""
+        """Go on from the state that another run has saved."""
         if (jacobian := self.callbacks.jacobian) is not None:
             jacobian.kept.update((k, [matrix]) for k, matrix in saved["matrices"].items())
         self._core.run_state(self.address, True, saved["states"].T)
