@@ -29,6 +29,7 @@ from cg.tables import Kind, MethodTable
 _MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # points at which forces are compared
 _CALLS_PER_CHECK = 40  # evaluations of an integration for each call of a comparison
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
+_PART_OF_STEP = 0.37  # after which a function of time that repeats with h has another value
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
@@ -260,8 +261,7 @@ def step_function_of(
     def size_at(time: float, point: Points) -> Array:
         return checked.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
 
-    # a time at which a function of time that repeats with h has another value
-    later = t + float(np.clip(stop - t, -1.0, 1.0)) * 0.37 * options["h"]
+    later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * options["h"]
     assert isinstance(plan.frame, PhaseSpace)
     _check_reversible(size_at, plan.frame, t, later, y)
     return checked

@@ -325,9 +325,9 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
         return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)
     assert numbers is not None
-    user_data = function.user_data
-    table = () if inputs is None or user_data else inputs.table(parameters)
-    values = function.values(frame, user_data or numbers.ctypes.data, times, points, shape, table)
+    own = function.user_address
+    table = () if inputs is None or own else inputs.table(parameters)
+    values = function.values(frame, own or numbers.ctypes.data, times, points, shape, table)
     return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 

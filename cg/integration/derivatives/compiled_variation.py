@@ -154,7 +154,7 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
         parameters=variational.parameter_count, constants=len(structure.constants),
         index=index, constant=constant, step=DIFFERENCE_STEP,
-        data=f.user_data if isinstance(f, CompiledRhs) else 0,
+        data=f.user_address if isinstance(f, CompiledRhs) else 0,
         forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
@@ -168,7 +168,7 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
     for each in _functions(variational):
         if isinstance(each.function, CompiledRhs):
             setattr(record, each.name, each.function.address)
-            setattr(record, f"{each.name}_data", each.function.user_data)
+            setattr(record, f"{each.name}_data", each.function.user_address)
         else:
             setattr(record, each.name, caller)
             in_python.append(each)

@@ -55,7 +55,7 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     if isinstance(function.function, CompiledRhs) and rhs.extra.inputs is None:
         arguments = rhs.extra.arguments(0)
         data = int(arguments[-1].ctypes.data) if rhs.extra.parameters is not None else 0
-        data = data or (rhs.user_data if isinstance(rhs, CompiledRhs) else 0)
+        data = data or (rhs.user_address if isinstance(rhs, CompiledRhs) else 0)
         function(problem.t0, problem.points[0], arguments, data)
     return function
 

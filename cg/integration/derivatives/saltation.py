@@ -69,7 +69,7 @@ class VariationalEvents:
         self.table, self.equation, self.stops = table, equation, stops
         self.frame, self.width, self.rows = table.frame, table.width, table.rows.copy()
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
-            self.rows["data"][self.rows["data"] == 0] = equation.f.user_data
+            self.rows["data"][self.rows["data"] == 0] = equation.f.user_address
         self._callable = [
             None if source is None else _EVENT(source.address) for source in table.compiled
         ]

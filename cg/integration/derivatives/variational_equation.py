@@ -226,7 +226,7 @@ class VariationalEquation:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         if isinstance(self.f, CompiledRhs):
             data = data_at(t, arguments, self.parameter_count > 0)
-            address = self.f.user_data if data is None else data.ctypes.data
+            address = self.f.user_address if data is None else data.ctypes.data
             values = self.f.values(self.frame, address, t, points)
             return self._complete(values, points, whole)
         if not self.vectorized:

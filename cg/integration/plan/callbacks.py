@@ -43,8 +43,8 @@ class Jacobian:
         arguments = rhs.extra.arguments(member)
         if not self.sparse:
             data = data_at(t, arguments, rhs.extra.parameters is not None)
-            user_data = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
-            return self.derivative(t, y, arguments, user_data if data is None else data.ctypes.data)
+            own = rhs.user_address if isinstance(rhs, CompiledRhs) else 0
+            return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
         value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")

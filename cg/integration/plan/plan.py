@@ -20,6 +20,9 @@ from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 from cg.tables import Kind, MethodTable
 
+_MAX_PLANS = 64  # number that are kept for a frame
+_MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
+
 
 class Plan:
     """A frame and a method in compiled code.
@@ -130,10 +133,6 @@ class Plan:
         if self.reals_per_entry == 2:
             rows = rows.reshape(-1).view(self.dtype)
         return rows.reshape(*lead, *self.point_shape)
-
-
-_MAX_PLANS = 64  # number that are kept for a frame
-_MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
 def plan_of(frame: Frame, table: MethodTable) -> Plan:

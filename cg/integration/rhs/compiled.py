@@ -33,7 +33,7 @@ class CompiledRhs:
 
     function: Any  # the object that the user passed, which is kept alive
     address: int
-    user_data: int  # address passed as its last argument, or 0
+    user_address: int  # address passed as its last argument, or 0
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
     frame: Frame | None = None  # the frame of its points
@@ -54,18 +54,18 @@ class CompiledRhs:
         ValueError is raised if there are parameters or inputs and user's data, or if there are none
         and the function's last argument is a pointer to doubles.
         """
-        if extra.inputs is not None and self.user_data:
+        if extra.inputs is not None and self.user_address:
             raise ValueError(
                 f"inputs must be None for a compiled {self.name} that has user_data; as parameters "
                 "these numbers come before the inputs"
             )
         has_none = extra.parameters is None and extra.inputs is None
-        if has_none and self.requires_data and not self.user_data:
+        if has_none and self.requires_data and not self.user_address:
             raise ValueError(
                 f"parameters must be given for a compiled {self.name} without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
             )
-        if extra.parameters is not None and self.user_data:
+        if extra.parameters is not None and self.user_address:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
@@ -94,7 +94,7 @@ class CompiledRhs:
     @property
     def data_address(self) -> int:
         """Address of the data of the first member."""
-        return self.user_data if self.data is None else address(self.data)
+        return self.user_address if self.data is None else address(self.data)
 
     def failed_name(self, member: int) -> str | None:
         """Return the name of the function that failed last, of a member."""
@@ -180,7 +180,7 @@ def compiled_event(f: Any) -> CompiledRhs | None:
 
 def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
     if isinstance(f, CompiledFunction):
-        return CompiledRhs(f, f.address, f.data_address, name)
+        return CompiledRhs(f, f.address, f.user_address, name)
     if isinstance(f, FunctionType):
         return None
     # not isinstance, since numba may not be installed

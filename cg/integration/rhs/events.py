@@ -147,14 +147,14 @@ class EventTable:
         rows = []
         for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
             count, sign = event._check(f"events[{i}]")
-            if in_python and (inputs or parameters) and source and not source.user_data:
+            if in_python and (inputs or parameters) and source and not source.user_address:
                 raise ValueError(
                     f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
                     f"got {event.function!r}, which is compiled and has no user_data"
                 )
             entries = {
                 "function": 0 if source is None else source.address,
-                "data": 0 if source is None else source.user_data or -in_python,
+                "data": 0 if source is None else source.user_address or -in_python,
                 "direction": sign,
                 "limit": count,
                 "jumps": event.jump is not None,

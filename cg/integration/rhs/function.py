@@ -65,7 +65,7 @@ class CompiledFunction:
         self.address = ctypes.cast(function, ctypes.c_void_p).value or 0
 
     @property
-    def data_address(self) -> int:
+    def user_address(self) -> int:
         """Address of the user's data, or 0."""
         return 0 if self.user_data is None else self.user_data.ctypes.data
 

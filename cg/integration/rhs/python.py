@@ -270,7 +270,7 @@ class Derivative:
     def __call__(self, t: Any, y: Points, arguments: tuple[Any, ...], data: int = 0) -> Array:
         """Return the derivatives; a compiled function without its own data receives ``data``."""
         if isinstance(self.function, CompiledRhs):
-            data = self.function.user_data or data
+            data = self.function.user_address or data
             return self.check(self.function.values(self.frame, data, t, y[None], self.shape)[0], t)
         return self.check(self.function(t, read_only(y), *arguments), t)
 

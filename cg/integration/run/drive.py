@@ -32,6 +32,10 @@ _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
 _FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
 _CONFIRMED = 1000  # steps after which the check is repeated, since one may be chance
 _MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
+_SECONDS = 0.03  # between two checks for an interrupt
+_REPORT_SECONDS = 0.1
+_MAX_GROWTH = 8  # of the number of steps from a call to the next, since later ones may be slower
+_MAX_STEPS = 2**30  # fits into 32 bits
 
 
 class StepCheck:
@@ -101,12 +105,6 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     damped = values[values.real <= -_DAMPED * np.abs(values)]
     near_limit = abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * real_limit
     return _STIFF if near_limit else None
-
-
-_SECONDS = 0.03  # between two checks for an interrupt
-_REPORT_SECONDS = 0.1
-_MAX_GROWTH = 8  # of the number of steps from a call to the next, since later ones may be slower
-_MAX_STEPS = 2**30  # fits into 32 bits
 
 
 def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
