@@ -69,6 +69,7 @@ class TestList:
         (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
         assert stored == asdict(summary_of(method)) == asdict(compute_summary(method))
 
+    @pytest.mark.slow
     def test_stored_orders_equal_computed(self, tmp_path):
         for name, method in cg.methods.items():
             again = cg.methods.read_again(name)

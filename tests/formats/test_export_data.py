@@ -67,7 +67,7 @@ class TestDigits:
 def test_rejects():
     message = r"format must be one of 'json', 'toml', .*, got 'excel'"
     refuses(ValueError, message, cg.export, "CG3", "excel")
-    refuses(ValueError, "format must", cg.export, "CG3", None)
+    refuses(TypeError, "format must", cg.export, "CG3", None)
     refuses(ValueError, r"similar names are CG3", cg.export, "CG33", "c")
     for format in CODE:
         refuses(ValueError, "must be json, toml or latex for an", cg.export, "DICG4", format)

@@ -98,7 +98,7 @@ def field_frame(**changes):
     (lambda: fr.LinearAction([np.ones((2, 3))]), ValueError, r"\[0\] must be a square matrix, got"),
     (lambda: fr.LinearAction([[[1j * np.inf]]]), ValueError, r"generators\[0\] must .*, got .*inf"),
     (lambda: fr.LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
-    (lambda: fr.LinearAction(7), ValueError, "must be a sequence of matrices"),
+    (lambda: fr.LinearAction(7), TypeError, "must be a sequence of matrices"),
 ])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
     refuses(error, message, make)

@@ -192,6 +192,7 @@ def test_defaults_follow_the_rule(page_results):
         assert f"| {kind} | `{loose}` | `{tight}` |" in page_results.notes[0]
 
 
+@pytest.mark.slow  # half a minute
 def test_measured_estimates_in_the_catalogue(page_results, tmp_path):
     text = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
     file = tmp_path / "page.md"

@@ -55,7 +55,7 @@ class TestSteps:
         np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-14)
 
     @pytest.mark.parametrize(("frame", "name"), [
-        *product([*FRAMES, squeeze()], ["CF4(3)"]), (fr.SPD(2), "CG4(3)"),
+        *product([*FRAMES, squeeze()], ["CF4(3)"]), *slow((fr.SPD(2), "CG4(3)")),
         *slow(*product(OTHERS, ["CF4(3)"]), *product([*FRAMES, *OTHERS], ["RKMK5(4)"])),
     ], ids=repr)  # fmt: skip
     def test_all_frames_between_steps_too(self, frame, name):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from slow_cases import slow
 
 import cg
 from tests.model.__main__ import run
@@ -13,7 +14,7 @@ from tests.model.spaces import SPACES
 COUNT = 10  # programs in one test
 
 
-@pytest.mark.parametrize("part", range(40))
+@pytest.mark.parametrize("part", [*range(24), *slow(*range(24, 40))])
 def test_programs(part):
     outcomes, failed = run(0, range(COUNT * part, COUNT * (part + 1)), shrink=False)
     assert not failed
