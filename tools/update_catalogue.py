@@ -16,8 +16,8 @@ from cg.construction.methods.method import Method
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify
 from cg.construction.proofs.packed import certificate_names, fitting
 from cg.reproduce.catalogue_table import entries, markdown, table
+from cg.reproduce.markdown import replace_between
 from cg.reproduce.sections.claims import CLAIMS, VERDICTS
-from reproduce.markdown import replace_between
 
 ROOT = Path(__file__).parent.parent
 CERTIFICATES = ROOT / "cg" / "construction" / "catalogue" / "certificates"

@@ -34,6 +34,13 @@ def python(code, folder):
     )  # fmt: skip
 
 
+@of_the_source_tree
+@pytest.mark.parametrize("name", ["compile_tables", "make_reference_steps", "update_catalogue"])
+def test_scripts_find_what_they_import(name, tmp_path):
+    code = f"import runpy; runpy.run_path({str(ROOT / 'tools' / name)!r} + '.py')"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
 def test_crouch_grossman_is_cg():
     assert crouch_grossman is cg
     assert crouch_grossman.frames is cg.frames
