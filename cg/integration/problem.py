@@ -424,7 +424,7 @@ def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
     """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = np.atleast_2d(plan.frame._points(y0, "y0"))
+    rows = np.atleast_2d(plan.frame._points(arguments.read_points(plan.frame, y0), "y0"))
     if rows.ndim > 2:
         raise ValueError(f"y0 must have at most one axis of members, got shape {rows.shape}")
     inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
