@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import accumulate, pairwise
 from math import prod
 from typing import Any
@@ -189,7 +190,7 @@ class Product(Composite):
     def turning_coefficients(self) -> Array:
         return self._joined("turning_coefficients")
 
-    @property
+    @cached_property
     def jointed(self) -> bool:
         return any(factor.jointed for factor in self.factors)
 

@@ -13,6 +13,7 @@ from typing import Any, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.integration.default_method import AUTO
 from cg.integration.mechanics import Langevin
@@ -117,8 +118,6 @@ def check_tolerances(name: str, value: Any) -> Array:
 
 def equal_steps(h: float, ends: list[float]) -> int:
     """Return the number of steps of size h between times; ValueError if h is too small."""
-    import cg._core_r64 as core
-
     total = 0
     for start, stop in pairwise(ends):
         span = abs(stop - start)
@@ -334,8 +333,8 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
             raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
     complete: Any = function.complete.copy()
     complete.update(options)
-    for name in _FLAGS:
-        if name in options:
+    for name in options:
+        if name in _FLAGS:
             complete[name] = check_flag(name, complete[name])
     return complete  # type: ignore[no-any-return]
 

@@ -145,8 +145,6 @@ class Langevin:
 
 def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool) -> None:
     """Raise TypeError or ValueError unless a heat bath fits the integration."""
-    if bath is None:
-        return
     if not isinstance(bath, Langevin):
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
     if table.kind is not Kind.SPLITTING:

@@ -250,6 +250,8 @@ def _read_tolerances(
     atol = DEFAULT_ATOL
     if options["atol"] is not None:
         atol = arguments.check_tolerances("atol", options["atol"])
+    if rtol.ndim == atol.ndim == 0:
+        return rtol, atol
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
             what = "coordinate" if in_coordinates else "entry"
@@ -257,9 +259,7 @@ def _read_tolerances(
                 f"{name} must be a number or have shape {shape}, one number a {what}, "
                 f"got {value.shape}"
             )
-    return (
-        (rtol, atol) if rtol.shape == atol.shape else (np.full(shape, rtol), np.full(shape, atol))
-    )
+    return np.full(shape, rtol), np.full(shape, atol)
 
 
 def _warn(table: MethodTable, pair: bool) -> None:
@@ -301,7 +301,7 @@ def _checked_method(
             "frame must not be a phase space with linear=True, since velocities depend on the "
             f"point, got {frame!r}"
         )
-    if not isinstance(frame, PhaseSpace) and frame.jointed:
+    if frame.jointed and not isinstance(frame, PhaseSpace):
         raise ValueError(
             "frame must not have a phase space with joints as a factor, whose forces would be "
             f"missing; take cg.frames.PhaseSpace of a product with all joints, got {frame!r}"
@@ -405,7 +405,7 @@ def _read_members(
     if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
     points, numbers = arguments.check_points(plan, y0, options["parameters"], ensemble)
-    if isinstance(frame, PhaseSpace):
+    if frame.jointed and isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
     if ensemble and members == 1 and inputs is not None:
@@ -525,11 +525,13 @@ def make_problem(
     frame = plan.frame
     points, numbers, inertia = _read_members(plan, options, y0, ensemble)
     start, stop = arguments.check_span(t_span)
-    check_thermostat(options["thermostat"], plan.table, options, stop < start)
+    if options["thermostat"] is not None:
+        check_thermostat(options["thermostat"], plan.table, options, stop < start)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
     rhs = _make_rhs(f, frame, options, numbers, inputs, ensemble)
-    _check_picklable(f, rhs, options)
+    if ensemble:
+        _check_picklable(f, rhs, options)
     _check_rhs(plan, rhs, options["linear"], start, stop, points)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:

@@ -3,18 +3,17 @@
 ! = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., on most blocks in closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius
+  use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius, series_below
   use frames_m, only: frame_t
   use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
                             isospectral_block, se3_block, so_block, su_block, u_block
   use orthogonal_m, only: orthogonal_bracket, orthogonal_dexpinv
+  use rotations_m, only: dexpinv_rotation
   use unitary_m, only: unitary_bracket, unitary_dexpinv
   use vectors_m, only: cross
   implicit none
   private
   public :: bracket, dexpinv
-
-  real(wp), parameter :: series_below = 1.0_wp             ! the largest square of an angle
 
 contains
 
@@ -59,8 +58,8 @@ contains
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: order                     ! the method's, where the series ends
-    real(wp), contiguous, intent(in) :: u(:)         ! (dimension)
-    real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
+    real(wp), intent(in) :: u(frame%dimension)
+    real(wp), intent(inout) :: v(frame%dimension)
     ! whether the whole series converges; if not, v is undefined
     logical, intent(out) :: exists
     real(wp) :: sign
@@ -86,35 +85,6 @@ contains
       end associate
     end do
   end subroutine dexpinv
-
-  ! On rotations [u, v] = sign u x v, and ad^3 = -|u|^2 ad gives a closed form.
-  pure subroutine dexpinv_rotation(sign, u, v, exists)
-    real(wp), intent(in) :: sign, u(3)
-    real(wp), intent(inout) :: v(3)
-    logical, intent(inout) :: exists
-    real(wp) :: square, fourth, half, once(3), factor
-
-    square = u(1)**2 + u(2)**2 + u(3)**2
-    once = cross(u, v)
-    if (square >= amplifies**2) then
-      if (norm2(once) <= commute * norm2(u) * norm2(v)) return
-      if (square >= radius**2) then
-        exists = .false.
-        return
-      end if
-    end if
-    if (square < series_below) then
-      fourth = square**2
-      factor = (beta(1) + beta(2) * square) + (beta(3) + beta(4) * square) * fourth &
-               + ((beta(5) + beta(6) * square) + (beta(7) + beta(8) * square) * fourth) &
-                 * fourth**2 &
-               + ((beta(9) + beta(10) * square) + beta(11) * fourth) * fourth**4
-    else
-      half = sqrt(square) / 2
-      factor = (1 - half * cos(half) / sin(half)) / square
-    end if
-    v = v - (sign / 2) * once + factor * cross(u, once)
-  end subroutine dexpinv_rotation
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad.

@@ -22,6 +22,7 @@ module blocks_m
   integer, parameter, public :: last_term = 11
   ! its radius, a full turn; from half of it on dexp^-1 amplifies the rounding of zero brackets
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
+  real(wp), parameter, public :: series_below = 1.0_wp             ! the largest square of an angle
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
   real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)
   real(wp), parameter, public :: min_length = sqrt(tiny(1.0_wp))   ! whose square doesn't underflow

@@ -3,13 +3,13 @@
 ! v, half = |v| / 2: those of several flows are multiplied, and one rotation moves the point.
 module rotations_m
   use kinds, only: wp
-  use blocks_m, only: block_t, min_length
+  use blocks_m, only: amplifies, beta, block_t, commute, min_length, radius, series_below
   use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
   private
-  public :: exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, rotate_matrix, &
-            rotate_vector, rotation_bound, set_quaternion, turn_point
+  public :: dexpinv_rotation, exponential, get_quaternion, move_rigid_body, orthogonalise, rotate, &
+            rotate_matrix, rotate_vector, rotation_bound, set_quaternion, turn_point
 
   ! Taylor's coefficients of sin(x) / x and cos(x) for x**2, x**4, ..., enough up to max_square
   integer :: term
@@ -249,6 +249,35 @@ contains
       y = matmul(r, y)
     end if
   end subroutine rotate_matrix
+
+  ! On rotations [u, v] = sign u x v, and ad^3 = -|u|^2 ad gives a closed form.
+  pure subroutine dexpinv_rotation(sign, u, v, exists)
+    real(wp), intent(in) :: sign, u(3)
+    real(wp), intent(inout) :: v(3)
+    logical, intent(inout) :: exists
+    real(wp) :: square, fourth, half, once(3), factor
+
+    square = u(1)**2 + u(2)**2 + u(3)**2
+    once = cross(u, v)
+    if (square >= amplifies**2) then
+      if (norm2(once) <= commute * norm2(u) * norm2(v)) return
+      if (square >= radius**2) then
+        exists = .false.
+        return
+      end if
+    end if
+    if (square < series_below) then
+      fourth = square**2
+      factor = (beta(1) + beta(2) * square) + (beta(3) + beta(4) * square) * fourth &
+               + ((beta(5) + beta(6) * square) + (beta(7) + beta(8) * square) * fourth) &
+                 * fourth**2 &
+               + ((beta(9) + beta(10) * square) + beta(11) * fourth) * fourth**4
+    else
+      half = sqrt(square) / 2
+      factor = (1 - half * cos(half) / sin(half)) / square
+    end if
+    v = v - (sign / 2) * once + factor * cross(u, once)
+  end subroutine dexpinv_rotation
 
   ! The cross product: a copy of that of vectors_m, which isn't inlined in another file
   pure function cross(u, v)

@@ -35,7 +35,14 @@ from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.python import Derivative, Rhs, call_context, derivative_of, when
+from cg.integration.rhs.python import (
+    CALL_PYTHON,
+    Derivative,
+    Rhs,
+    call_context,
+    derivative_of,
+    when,
+)  # fmt: skip
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 from cg.support.records import changed
 
@@ -309,8 +316,6 @@ def _coefficients(rhs: Rhs, times: Array, point: Points) -> Array:
 
 def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points) -> Array:
     """Return the derivatives of the coefficients, shape ``(times, dim, k)``."""
-    import cg._core_r64 as core
-
     if df_dp is None:
         return _differences(rhs, times, point)
     arguments = rhs.extra.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
@@ -321,7 +326,7 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
         context = call_context(function, arguments, frame, shape, df_dp.check)
-        address, data = core.function_addresses()[0], np.array(id(context))
+        address, data = CALL_PYTHON, np.array(id(context))
         return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
     numbers = parameters if inputs is None else inputs.data_with(parameters)
     assert numbers is not None

@@ -14,7 +14,7 @@ from cg.integration.derivatives.variational_equation import DIFFERENCE_STEP, Var
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, address
-from cg.integration.rhs.python import Derivative, call_context
+from cg.integration.rhs.python import CALL_PYTHON, CALL_VARIATIONAL, Derivative, call_context
 from cg.support.arrays import Array, Points, read_only
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
@@ -77,8 +77,6 @@ def compiled_variation(
 
     The plan is that of the frame without derivatives.
     """
-    import cg._core_r64 as core
-
     first, in_python, arrays = _shared_entries(variational, plan)
     inputs, members = extra.inputs, extra.members or 1
     first.inputs = 0 if inputs is None else inputs.width
@@ -99,7 +97,7 @@ def compiled_variation(
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, core.function_addresses()[1], 0, frame=variational.product, extra=extra, data=rows,
+        None, CALL_VARIATIONAL, 0, frame=variational.product, extra=extra, data=rows,
         variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 
@@ -146,8 +144,6 @@ class _SharedEntries(NamedTuple):
 
 def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntries:
     """Return the entries of records that don't depend on parameters and inputs."""
-    import cg._core_r64 as core
-
     f, noise, structure = variational.f, variational.noise, variational.structure
     index, constant = structure.addresses
     record = _Record(
@@ -164,13 +160,12 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
         directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
         record.directions, record.by_parameters = chosen.shape[1], address(directions)
     in_python = []
-    caller = core.function_addresses()[0]
     for each in _functions(variational):
         if isinstance(each.function, CompiledRhs):
             setattr(record, each.name, each.function.address)
             setattr(record, f"{each.name}_data", each.function.user_address)
         else:
-            setattr(record, each.name, caller)
+            setattr(record, each.name, CALL_PYTHON)
             in_python.append(each)
     return _SharedEntries(record, in_python, (structure, directions))
 

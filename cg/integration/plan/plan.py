@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.blocks import constants_of, describe_blocks
 from cg.frames.facts import facts_of
@@ -34,8 +35,6 @@ class Plan:
     """
 
     def __init__(self, frame: Frame, table: MethodTable) -> None:
-        import cg._core_r64 as core
-
         self.core, self.frame, self.table = core, frame, table
         self.user_frame = frame._user_frame or frame  # another one where f returns derivatives
         along = table.polynomial if isinstance(frame, LinearAction) else None

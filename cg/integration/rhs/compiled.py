@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import LowLevelCallable
 
+from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
@@ -140,8 +141,6 @@ def call_rhs(
     ``table`` are written. ``shape`` is by default that of ``f``; values that the function doesn't
     write are NaN.
     """
-    import cg._core_r64 as core
-
     dtype = np.dtype(np.float64) if shape else frame.rhs_dtype
     shape = shape or frame.rhs_shape
     points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them

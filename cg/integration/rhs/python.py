@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
@@ -20,6 +21,9 @@ from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInpu
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
 from cg.support.records import filled
+
+# addresses of functions in C that call one of Python, and functions of a variational equation
+CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
 
 
 def when(t: Any) -> str:
@@ -166,9 +170,7 @@ class Contexts:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        import cg._core_r64 as core
-
-        return core.function_addresses()[0], self.data_address, self._stride
+        return CALL_PYTHON, self.data_address, self._stride
 
 
 class PythonRhs(Contexts):

@@ -172,7 +172,9 @@ class Run:
         states = self._share("states", np.empty((members, width + len(STATE))))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
-        self.reached, self.failed_at, self.last_start, self.next_step = states.T[width:]
+        columns = states.T[width:]  # to unpack an array ends by an exception, which takes longer
+        self.reached, self.failed_at = columns[0], columns[1]
+        self.last_start, self.next_step = columns[2], columns[3]
         self.counters, self.counts = rows, rows[:, 2:]
         self.status, self.detail = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
