@@ -10,7 +10,7 @@ from operator import mul
 
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import paths_of
-from cg.construction.methods.plain import take_paths, with_weights
+from cg.construction.methods.reference_step import take_paths, with_weights
 from cg.problems import HeavyTop
 from cg.support.quads import exact_midpoint, to_flint, working_precision
 

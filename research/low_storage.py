@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 import cg
 from cg.construction.conditions import residuals
+from cg.construction.methods.classical_conditions import flat_residuals
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.flat import flat_residuals
 from cg.construction.methods.low_storage import from_two_registers
 from cg.construction.solvers.minimum_norm import decompose
 from cg.construction.solvers.refine import refine_rational

@@ -23,7 +23,7 @@ PATH = Path(__file__).parent.parent / "cg" / "tables" / FILE
 def table(method: Method) -> MethodTable:
     """Return the table of a method as it is stored."""
     summary = methods.summaries.get(method.name, {})
-    fresh = replace(compiled(method), source=None, real_stability=summary.get("real_stability"))
+    fresh = replace(compiled(method), method=None, real_stability=summary.get("real_stability"))
     stored = stored_table(method.name) if PATH.exists() and method.name in stored_names() else fresh
     return stored if close(stored.as_dict(), fresh.as_dict()) else fresh
 

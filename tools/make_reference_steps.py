@@ -19,7 +19,7 @@ from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import paths_of
-from cg.construction.methods.plain import take_paths, with_weights
+from cg.construction.methods.reference_step import take_paths, with_weights
 from cg.construction.methods.splitting import Splitting
 from cg.support.quads import exact_midpoint, to_decimal
 from cg.support.quads import to_ball as ball

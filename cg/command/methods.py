@@ -75,18 +75,18 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
       crouch-grossman list --kind implicit --json
     """
     selected = [
-        (facts, proved(method))
-        for facts, method in zip(map(summary_of, methods.values()), methods.values(), strict=True)
-        if all(_FILTERS[name](facts, value) for name, value in filters.items() if value is not None)
+        (summary, proved(method))
+        for summary, method in zip(map(summary_of, methods.values()), methods.values(), strict=True)
+        if all(_FILTERS[name](summary, x) for name, x in filters.items() if x is not None)
     ]
     if only_proved:
-        selected = [(facts, proof) for facts, proof in selected if proof == "yes"]
+        selected = [(summary, proof) for summary, proof in selected if proof == "yes"]
     selected.sort(key=lambda pair: _sort_key(pair[0], sort))
     if in_json:
-        as_json([asdict(facts) | {"proved": proof} for facts, proof in selected])
+        as_json([asdict(summary) | {"proved": proof} for summary, proof in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        say(align_columns([heads, *(_row(facts, proof) for facts, proof in selected)], left=3))
+        say(align_columns([heads, *(_row(summary, proof) for summary, proof in selected)], left=3))
     else:
         say("no method of the catalogue matches these options")
     return 0 if selected else NO

@@ -425,7 +425,7 @@ def check_frame(frame: Any, name: str = "frame") -> None:
 
 
 @dataclass(frozen=True, repr=False)
-class Sized(Frame):
+class SizedFrame(Frame):
     """A frame with a size n as its first parameter."""
 
     n: int

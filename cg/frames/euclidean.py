@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Sized
+from cg.frames.base import SizedFrame
 from cg.frames.blocks import Blocks
 from cg.support.arrays import Array, Size, check_random
 from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Euclidean(Sized):
+class Euclidean(SizedFrame):
     r"""The space :math:`R^n` with the frame :math:`E_i = \partial / \partial x_i`.
 
     All flows commute, so a Crouch-Grossman method is the classical Runge-Kutta method with the

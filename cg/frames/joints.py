@@ -45,7 +45,7 @@ _DIFFERENCES = {
 _STEP, _LONG_STEP = 1e-3, 2.5e-3  # first steps of both orders, for angles and lengths of about 1
 _CHANGE, _TRIALS = 8.0, 14  # factor by which steps change, and how often they do
 _ALLOWED = 1e-9  # relative error at which steps don't change
-_NOISE = 8.0  # errors of differences, in rounding errors of values
+_ROUNDING_FACTOR = 8.0  # errors of differences, in rounding errors of values
 _WRONG = 1e-5  # relative error at which derivatives by the user are refused
 _DEPENDENT = 1e-12  # least eigenvalue of a regular matrix G J⁻¹ Gᵀ with unit diagonal
 
@@ -324,7 +324,7 @@ class Linkage:
             slopes, differences = self._slopes(point), self._differences(point)
             check_finite("the derivatives of constraints", slopes)
             error = np.abs(slopes - differences).max()
-            error -= _NOISE * np.finfo(float).eps * np.abs(value).max() / _STEP
+            error -= _ROUNDING_FACTOR * np.finfo(float).eps * np.abs(value).max() / _STEP
             if not error <= _WRONG * (1.0 + np.abs(differences).max()):
                 raise ValueError(
                     "the derivatives of constraints must be those along the fields of the "
@@ -441,7 +441,7 @@ class Linkage:
 
 def _rounding(size: Any, slope: float) -> Any:
     """Return rounding errors of differences of values, and of points where they have slopes."""
-    return _NOISE * float(np.finfo(float).eps) * (size + slope)
+    return _ROUNDING_FACTOR * float(np.finfo(float).eps) * (size + slope)
 
 
 def _rows(points: Array) -> Array:

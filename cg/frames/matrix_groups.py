@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Sized
+from cg.frames.base import SizedFrame
 from cg.frames.blocks import Blocks, convention_option
 from cg.frames.matrix_functions import (
     newton_corrected,
@@ -37,7 +37,7 @@ class UnitaryMatrixGroup(OrthonormalColumns, MatrixGroup):
 
 
 @dataclass(frozen=True, repr=False)
-class SizedMatrixGroup(Sized, MatrixGroup):
+class SizedMatrixGroup(SizedFrame, MatrixGroup):
     """A matrix group with the number of rows as its parameter."""
 
     convention: Convention = "space"

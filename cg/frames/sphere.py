@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Sized
+from cg.frames.base import SizedFrame
 from cg.frames.blocks import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
@@ -23,7 +23,7 @@ _ANTIPODAL = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
-class Sphere(Sized, UnitVectors, HomogeneousSpace):
+class Sphere(SizedFrame, UnitVectors, HomogeneousSpace):
     r"""Unit vectors of :math:`R^{n+1}` with the action of SO(n+1): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`; on :math:`S^2` they are the rotation vector,
@@ -103,7 +103,7 @@ class Sphere(Sized, UnitVectors, HomogeneousSpace):
 
 
 @dataclass(frozen=True, repr=False)
-class Hyperbolic(Sized):
+class Hyperbolic(SizedFrame):
     r"""Hyperbolic space as the half-space :math:`y_n > 0`, with dilations and translations.
 
     The first field generates dilations, :math:`E_1 = y`, the others translations along the

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import CompiledFlow, Frame, Sized
+from cg.frames.base import CompiledFlow, Frame, SizedFrame
 from cg.frames.blocks import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary, rotation_log1p
@@ -23,7 +23,7 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _Subspaces(Sized):
+class _Subspaces(SizedFrame):
     """A manifold of k-dimensional subspaces of R^n, or of bases of them."""
 
     k: int

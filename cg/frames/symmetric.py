@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Sized
+from cg.frames.base import SizedFrame
 from cg.frames.blocks import Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -24,7 +24,7 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class SPD(Sized, ConjugationSpace):
+class SPD(SizedFrame, ConjugationSpace):
     r"""Symmetric positive definite matrices, such as covariances, with the action of GL(n).
 
     GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,

@@ -132,26 +132,26 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_points(
-    plan: Plan, y0: ArrayLike, parameters: Any, many: bool
+def read_starts_and_parameters(
+    plan: Plan, y0: ArrayLike, parameters: Any, ensemble: bool
 ) -> tuple[Points, Array | None]:
     """Return initial points and their parameters as new arrays, after checking them.
 
-    With ``many`` both may have a leading axis of members; a single point is then used for all rows
-    of parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
+    Of an ``ensemble`` both may have a leading axis of members; a single point serves all rows of
+    parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
-    points = read_starts(plan, y0, many)
+    points = read_starts(plan, y0, ensemble)
     if parameters is None:
         return points, None
     numbers = real_array(parameters, "parameters")
-    if not many and numbers.ndim != 1:
+    if not ensemble and numbers.ndim != 1:
         raise ValueError(f"parameters must have shape (k,), got {numbers.shape}")
-    rows = numbers if many else numbers[None]
+    rows = numbers if ensemble else numbers[None]
     if len(points) == 1 and rows.ndim == 2:
         points = np.repeat(points, len(rows), axis=0)
     if rows.ndim != 2 or len(rows) != len(points) or rows.size == 0:
         lead = "members" if len(points) == 1 else len(points)
-        shape = f"({lead}, k)" if many else "(k,)"
+        shape = f"({lead}, k)" if ensemble else "(k,)"
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
     rows.flags.writeable = False
     return points, rows
@@ -167,7 +167,7 @@ def read_points(frame: Frame, y0: ArrayLike, name: str = "y0") -> Points:
         raise
 
 
-def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Points:
+def read_starts(plan: Plan, y0: ArrayLike, ensemble: bool, name: str = "y0") -> Points:
     """Return points of members as a new array, of a single one by default, after checking them."""
     frame, shape = plan.frame, plan.point_shape
     if plan.compiled and is_array(y0, plan.dtype):
@@ -179,7 +179,7 @@ def read_starts(plan: Plan, y0: ArrayLike, many: bool, name: str = "y0") -> Poin
     rank = len(shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
     if batch and points.shape[len(batch) :] == shape:
-        if not many:
+        if not ensemble:
             raise ValueError(
                 f"{name} must have shape {shape}, got {points.shape}; cg.solve_ensemble "
                 "integrates many points"
@@ -229,7 +229,7 @@ def check_real_time(name: str, value: Any, *, infinite: bool = True) -> float:
     return time
 
 
-def is_many(frame: Any, y0: Any) -> bool:
+def is_ensemble(frame: Any, y0: Any) -> bool:
     """Return whether ``y0`` has one axis more than a point; its values are checked later."""
     if not isinstance(frame, Frame):
         return False
@@ -239,7 +239,7 @@ def is_many(frame: Any, y0: Any) -> bool:
         return False
 
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
 class StepOptions(TypedDict, total=False):
@@ -328,7 +328,7 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
         hint = hint or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
     values: Any = options
-    for name in function.needed:
+    for name in function.required:
         if name in options and (values[name] is None or values[name] is False):
             raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
     complete: Any = function.complete.copy()
@@ -339,13 +339,13 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
     return complete  # type: ignore[no-any-return]
 
 
-def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
+def expand_options(**defaults: Any) -> Callable[[Decorated], Decorated]:
     """Show the options one by one in the signature of a function that takes ``**options``.
 
     ``defaults`` are those of the function that differ from the others'.
     """
 
-    def expand(function: _Function) -> _Function:
+    def expand(function: Decorated) -> Decorated:
         signature = inspect.signature(function)
         *parameters, unpacked = signature.parameters.values()
         kind = next(kind for kind in _KINDS if unpacked.annotation == f"Unpack[{kind.__name__}]")
@@ -361,7 +361,7 @@ def expand_options(**defaults: Any) -> Callable[[_Function], _Function]:
             for name, annotation in kind.__annotations__.items()
         ]
         changed: Any = function
-        changed.options, changed.needed = options, set(defaults)
+        changed.options, changed.required = options, set(defaults)
         changed.complete = _DEFAULTS | options  # with those of other functions
         changed.__signature__ = signature.replace(parameters=parameters)
         # a misspelt keyword gets its better message before a missing frame gets one

@@ -215,21 +215,21 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     distributed = executor is not None or workers is not None
     if distributed and problem.common_steps:
         raise ValueError("executor and workers must be None with common_steps")
-    ensemble = Collector(problem, out)
+    collector = Collector(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(whole, part_options, *check_executor(executor, workers), ensemble, watch)
+        _distribute(whole, part_options, *check_executor(executor, workers), collector, watch)
     else:
         size = members if problem.common_steps else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
                 part = add_derivatives(whole.part(chunk), part_options)
-                ensemble.add(chunk, integrate_members(part, watch))
+                collector.add(chunk, integrate_members(part, watch))
                 watch.count_finished(chunk.stop - first)
     watch.finish()
-    solution = ensemble.solution()
-    for text in dict.fromkeys(ensemble.results().warnings):
+    solution = collector.solution()
+    for text in dict.fromkeys(collector.results().warnings):
         warnings.warn(text, stacklevel=3)
     if not solution.success:
         warnings.warn(solution.message, stacklevel=3)
@@ -242,7 +242,7 @@ def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:
 
 
 def _distribute(
-    problem: Problem, options: Any, executor: Any, workers: Any, ensemble: Collector,
+    problem: Problem, options: Any, executor: Any, workers: Any, collector: Collector,
     watch: Progress,
 ) -> None:  # fmt: skip
     """Integrate members on an executor, in chunks that no measured time changes."""
@@ -254,6 +254,6 @@ def _distribute(
     work = partial(_integrate_part, options)
     with closing(completed(work, items, executor, workers)) as finished:
         for (chunk, _), results in finished:
-            ensemble.add(chunk, results)
+            collector.add(chunk, results)
             watch.count_finished(chunk.stop - chunk.start)
             watch.update(0.0)

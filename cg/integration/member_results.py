@@ -48,10 +48,10 @@ class Collector:
         self._all: MemberResults | None = None
         if out is not None:
             assert problem.t_eval is not None
-            shape, kind = self._shape, problem.plan.frame.dtype
+            shape, dtype = self._shape, problem.plan.frame.dtype
             if problem.observer is not None and not problem.keeps_points:
-                shape, kind = (self.members, *problem.observer.shape), np.dtype(np.float64)
-            _check_out(out, (len(problem.t_eval), *shape), kind)
+                shape, dtype = (self.members, *problem.observer.shape), np.dtype(np.float64)
+            _check_out(out, (len(problem.t_eval), *shape), dtype)
         self._marks: dict[int, tuple[Array, Points]] = {}  # times and points of events, by member
         self._outputs: dict[int, DenseOutput] = {}
         if problem.events is not None:  # by event and member, with points before and after
@@ -170,9 +170,9 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
 def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
     if problem.events is not None or problem.dense_output or problem.finish is not None:
-        ensemble = Collector(problem, None)
-        ensemble.add(slice(0, 1), results)
-        solution = ensemble.solution()[0]
+        collector = Collector(problem, None)
+        collector.add(slice(0, 1), results)
+        solution = collector.solution()[0]
         return solution if problem.with_gradients is None else problem.with_gradients(solution)
     results.t.flags.writeable = False
     end, status = results.reached.item(0), results.status.item(0)
@@ -187,14 +187,14 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Raise TypeError or ValueError unless an array can hold all points."""
     try:
-        actual, kind = tuple(out.shape), np.dtype(out.dtype)
+        actual, stored = tuple(out.shape), np.dtype(out.dtype)
     except (AttributeError, TypeError):
         raise TypeError(
             f"out must be an array, such as one of NumPy, zarr or h5py, got {out!r}"
         ) from None
     if actual != shape:
         raise ValueError(f"out must have shape {shape}, got {actual}")
-    if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
-        raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
+    if stored.kind not in "fc" or not np.can_cast(dtype, stored, "same_kind"):
+        raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {stored}")
     if not getattr(getattr(out, "flags", None), "writeable", True):
         raise ValueError(f"out must be writable, got {type(out).__name__} that is read-only")

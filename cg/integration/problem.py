@@ -326,8 +326,8 @@ def _checked_method(
                 f"space with joints, got {chosen!r}: its kicks and drifts are separate flows, and "
                 "a drift between joints is none that is known exactly"
             )
-    along = isinstance(frame, LinearAction) and chosen.polynomial is not None
-    if chosen.on_algebra or (chosen.has_brackets and not along):
+    one_flow = isinstance(frame, LinearAction) and chosen.polynomial is not None
+    if chosen.on_algebra or (chosen.has_brackets and not one_flow):
         check_brackets(frame, chosen)
     return chosen
 
@@ -404,7 +404,8 @@ def _read_members(
     frame, inputs, inertia = plan.frame, options["inputs"], None
     if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
-    points, numbers = arguments.check_points(plan, y0, options["parameters"], ensemble)
+    given = options["parameters"]
+    points, numbers = arguments.read_starts_and_parameters(plan, y0, given, ensemble)
     if frame.jointed and isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
@@ -436,7 +437,7 @@ def _read_jointed_members(
         points.append(arguments.read_starts(member_plan, y, False, name)[0])
         member_plan.frame.check_rank(points[-1], name)
     first = inertia.plan(0, plan)
-    _, numbers = arguments.check_points(
+    _, numbers = arguments.read_starts_and_parameters(
         first, np.array([points[0]] * members), options["parameters"], True
     )
     return np.array(points), numbers, inertia

@@ -26,7 +26,7 @@ from cg.integration.arguments import (
     check_stops,
     complete_options,
     expand_options,
-    is_many,
+    is_ensemble,
     read_starts,
 )
 from cg.integration.errors import TERMINAL_EVENT, failed_members
@@ -141,14 +141,14 @@ class Stepper:
         start = check_real_time("t0", t0, infinite=False)
         self.t_bound = bound = check_real_time("t_bound", t_bound)
         self.direction = -1.0 if bound < start else 1.0
-        many = is_many(frame, y0)
+        ensemble = is_ensemble(frame, y0)
         if bound < start and all_options["thermostat"] is not None:
             raise ValueError("thermostat must be None backward in time, which noise doesn't go")
         first, breakpoints = all_options["first_step"], all_options["breakpoints"]
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:
             all_options["first_step"] = None  # which may exceed the span here
-        problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=many)
+        problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=ensemble)
         if problem.member_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "
@@ -157,13 +157,13 @@ class Stepper:
         check_resolution(problem.control.h, start)
         numbers = problem.rhs.extra.parameters
         if numbers is not None:
-            check_finite("parameters", numbers if many else numbers[0])
+            check_finite("parameters", numbers if ensemble else numbers[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
         self._first_step = None if first is None else check_real("first_step", first, positive=True)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
         if len(self._breakpoints):
             check_abscissae(self.table, "breakpoints")
-        self._many = many
+        self._ensemble = ensemble
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = changed(problem, control=control, t_eval=None, every=0)
         self._find_stops(problem.rhs.extra.inputs, start)
@@ -200,7 +200,7 @@ class Stepper:
     def y(self) -> Points:
         """The present point, a read-only copy."""
         run = self._run
-        return read_only(run.plan.points(run.end.copy(), (run.members,) * self._many))
+        return read_only(run.plan.points(run.end.copy(), (run.members,) * self._ensemble))
 
     def __repr__(self) -> str:
         return f"Stepper(t={self.t!r}, status={self.status!r}, method={self.table.name!r})"
@@ -209,7 +209,7 @@ class Stepper:
     def _stopped(self) -> NDArray[np.bool_]:
         """Which members a terminal event has ended, none of a single point, which may go on."""
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
-        return stopped if self._many else _NONE_STOPPED
+        return stopped if self._ensemble else _NONE_STOPPED
 
     def _events(self, select: Any) -> list[Any] | None:
         """Return ``select(t, y)`` of each event, of an ensemble for each member."""
@@ -217,7 +217,7 @@ class Stepper:
             return None
         places, t, y = self._run.events()
         lists = split_events(places, select(t, y), self._run.members, len(table))
-        return lists if self._many else [members[0] for members in lists]
+        return lists if self._ensemble else [members[0] for members in lists]
 
     t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
     y_events = property(lambda self: self._events(lambda t, y: y[:, 0]), doc="Points before jumps.")
@@ -228,7 +228,7 @@ class Stepper:
         """Absolute size that the next step tries."""
         h, sizes = self._run.control.h, self._run.next_step
         sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
-        if self._many:
+        if self._ensemble:
             return sizes
         return None if np.isnan(sizes[0]) else float(sizes[0])
 
@@ -237,7 +237,7 @@ class Stepper:
 
     method = property(lambda self: source_method(self.table), doc="The method, a `cg.Method`.")
     n = property(lambda self: self.frame.dim, doc="Number of coefficients.")
-    stopped = property(lambda self: self._stopped if self._many else None, doc="Ended members.")
+    stopped = property(lambda self: self._stopped if self._ensemble else None, doc="Ended members.")
     nfev = property(lambda self: self._count("nfev"), doc="Evaluations of the coefficients.")
     nexp = property(lambda self: self._count("nexp"), doc="Flows.")
     njev = property(lambda self: self._count("njev"), doc="Jacobians of stage equations.")
@@ -262,7 +262,7 @@ class Stepper:
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
-        if self._many and not self._problem.common_steps:
+        if self._ensemble and not self._problem.common_steps:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
@@ -343,7 +343,7 @@ class Stepper:
             if inputs is None and run.rhs.extra.inputs is not None:
                 run.rhs.extra.inputs.check_span(time, time, "t")
         if y is not None:
-            points = read_starts(run.plan, y, self._many, "y")
+            points = read_starts(run.plan, y, self._ensemble, "y")
             if len(points) != run.members:
                 shape = run.members, *run.plan.point_shape
                 raise ValueError(f"y must have shape {shape}, got {np.shape(y)}")
@@ -364,7 +364,7 @@ class Stepper:
         goes_on = t is not None or y is not None
         self._begin(time, rows, first, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
-        if self._many and self._stopped.all():
+        if self._ensemble and self._stopped.all():
             self.status = "event"
 
     def dense_output(self) -> DenseOutput:
@@ -380,9 +380,9 @@ class Stepper:
         """
         if self._problem.thermostat is not None:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
-        shared = not self._many or (self._problem.common_steps and not self._stopped.all())
+        shared = not self._ensemble or (self._problem.common_steps and not self._stopped.all())
         if not (self._has_step and shared) or self._overwritten:
-            which = " that all members share" * self._many
+            which = " that all members share" * self._ensemble
             raise RuntimeError(f"dense_output must come after a step{which}")
         return self._cut_output or self._interpolate()
 
@@ -394,7 +394,7 @@ class Stepper:
         ``rows`` are the points there, as doubles.
         """
         run, before = self._run, self._run.rhs.extra
-        extra = before.replaced(t, parameters, inputs, run.members if self._many else None)
+        extra = before.replaced(t, parameters, inputs, run.members if self._ensemble else None)
         if args is not None:
             extra = extra._replace(args=check_args(args))
         if extra is before:
@@ -451,7 +451,7 @@ class Stepper:
         if target != self._target:
             self._go_on(target)
         self._cut_output, self._overwritten, self.status = None, False, "running"
-        start = (run.end.copy(), self._first_step, self._stopped) if self._many else None
+        start = (run.end.copy(), self._first_step, self._stopped) if self._ensemble else None
         calls = len(run.events_of_calls)
         complete = False
         try:
@@ -475,7 +475,7 @@ class Stepper:
         """Take a step; return a message if it failed."""
         run = self._run
         # the counters of a member that still runs
-        counters = run.counters[self._stopped.argmin() if self._many else 0]
+        counters = run.counters[self._stopped.argmin() if self._ensemble else 0]
         steps = counters.item(_STEP_COUNTER)
         while counters.item(_STEP_COUNTER) == steps:
             run.call(run.members)
@@ -497,7 +497,7 @@ class Stepper:
         run, table = self._run, self._problem.events
         stopped = table is not None and bool((run.status == _TERMINAL).all())
         self.t, self._has_step = run.reached.item(0), True
-        if self._many:  # some may have stopped before
+        if self._ensemble:  # some may have stopped before
             self.t = self.direction * float((self.direction * run.reached).max())
         elif table is not None and run.events_of_calls:
             rows = run.events_of_calls[-1]
@@ -533,11 +533,11 @@ class Stepper:
             start = nowhere if has_stopped else of_member.rows[:1, len(InterpolantColumn) :]
             point = run.plan.points(start[:, : run.plan.width].copy(), (1,))[0]
             outputs.append(DenseOutput(of_member, begin, self.direction, point))
-        return EnsembleOutput(outputs) if self._many else outputs[0]
+        return EnsembleOutput(outputs) if self._ensemble else outputs[0]
 
     def _check_running(self) -> None:
         """Raise RuntimeError unless the integration goes on."""
-        if self.status not in ("running", "event") or (self._many and self.status == "event"):
+        if self.status not in ("running", "event") or (self._ensemble and self.status == "event"):
             what = "stopped" if self.status == "event" else self.status
             raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}; restart it")
 
@@ -545,7 +545,7 @@ class Stepper:
         """Return the message for failed steps; raise other errors."""
         self.status = "failed"
         failures = failures_of(self._run, raising=True)
-        if self._many:
+        if self._ensemble:
             return failed_members(failures, self._run.members)
         return f"Failure: {failures[0]}."
 

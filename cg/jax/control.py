@@ -23,9 +23,8 @@ import jax.numpy as jnp
 from numpy.typing import ArrayLike
 
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
-from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import Rules, real_dtype
+from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
 from cg.support.checks import check_real
@@ -242,9 +241,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:
         """Return the tolerances at the larger of two points, all positive."""
         largest = rules_of(self.frame).extent(x, y)
-        kind = largest.dtype
-        scale = self.atol.astype(kind) + self.rtol.astype(kind) * largest
-        return jnp.maximum(scale, jnp.finfo(kind).tiny)
+        dtype = largest.dtype
+        scale = self.atol.astype(dtype) + self.rtol.astype(dtype) * largest
+        return jnp.maximum(scale, jnp.finfo(dtype).tiny)
 
 
 def _spacing(t: JaxArray) -> JaxArray:
@@ -287,7 +286,7 @@ class Estimate(NamedTuple):
 Part = list[Estimate]  # e1, that of kinks if the method has `kink_weights`, and e2 if there is one
 
 
-class Before(eqx.Module):
+class LastStep(eqx.Module):
     """The step before: its size, zero without one, and the coefficients at its nodes."""
 
     h: JaxArray
@@ -295,7 +294,7 @@ class Before(eqx.Module):
 
 
 def error_estimate(
-    table: MethodTable, start: Start, stages: Stages, before: Before | None
+    table: MethodTable, start: Start, stages: Stages, last_step: LastStep | None
 ) -> JaxArray | None:
     """Return the estimate, of Magnus methods after another step; None without a pair.
 
@@ -303,7 +302,7 @@ def error_estimate(
     """
     fixed = jax.lax.stop_gradient
     rules, h, y0, y1 = start.rules, fixed(start.h), fixed(start.y0), fixed(stages.result)
-    values, before = fixed(stages.values), fixed(before)
+    values, last_step = fixed(stages.values), fixed(last_step)
     changes = h * (values[1:] - values[0])
 
     def of_vector(v: JaxArray) -> Estimate:
@@ -318,14 +317,14 @@ def error_estimate(
         return None
     size = 1.0 + rules.extent(y0, y1)  # the tolerances where rtol and atol are both 1
     parts = [[e.squared(size) for e in part] for part in _parts(table, differences, sums)]
-    if before is None:
+    if last_step is None:
         error = _error_of_parts(table, parts)
     else:
-        nodes = of_vector(_node_difference(table, values, h, before)).squared(size)
+        nodes = of_vector(_node_difference(table, values, h, last_step)).squared(size)
         change = jax.vmap(lambda v: turning(rules.frame, v))(changes).max()
         sizes = jax.vmap(lambda v: jnp.abs(rules.measured(v, y1) / size) ** 2)(changes)
         variation = jnp.where(
-            before.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
+            last_step.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
         )
         error = _magnus_error(table, parts, nodes, change, variation)
     angle = turning(rules.frame, h * values[0])
@@ -445,7 +444,9 @@ def _error_at_end(table: MethodTable, e1: Estimate, e2: Estimate, *e3: Estimate)
     return jnp.where(factor**2 * end > e1.measured, factor * at_end, e1.tangent)
 
 
-def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+def _node_difference(
+    table: MethodTable, values: JaxArray, h: JaxArray, last_step: LastStep
+) -> JaxArray:
     """Return the largest error of interpolation between the nodes times h, zero in a first step.
 
     With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
@@ -454,14 +455,14 @@ def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: 
     """
     c = table.c
     moves = h != 0.0
-    ratio = before.h / jnp.where(moves, h, 1.0)
+    ratio = last_step.h / jnp.where(moves, h, 1.0)
     earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
-    fields = before.values
+    fields = last_step.values
     if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
         earlier, fields = earlier[:-1], fields[:-1]
     times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
     fields = jnp.concatenate([fields, values])
-    used = moves & (before.h != 0.0)
+    used = moves & (last_step.h != 0.0)
     times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
     apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
     weights = 1.0 / apart.prod(axis=1)

@@ -17,7 +17,6 @@ import jax.numpy as jnp
 from cg import frames
 from cg.frames import Frame
 from cg.frames.base import check_frame
-from cg.jax.entire import JaxArray
 from cg.jax.groups import group_rules, quaternion_rules, semidirect_rules
 from cg.jax.manifolds import (
     conjugation_rules,
@@ -28,7 +27,7 @@ from cg.jax.manifolds import (
     stiefel_rules,
 )
 from cg.jax.products import power_rules, product_rules
-from cg.jax.rules import Rules, read_point, real_dtype
+from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
 
 
 def rules_of(frame: Frame) -> Rules:

@@ -30,10 +30,11 @@ import numpy as np
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
 from cg.frames.algebra import COMMUTE, POWERS, RADIUS, series_terms
 from cg.frames.matrix_functions import newton_schulz, symplectic_correction
-from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors, rotation_vector, stumpff
+from cg.jax.entire_functions import dexpinv_factor, motion_factors, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
 from cg.jax.rules import (
     Dexpinv,
+    JaxArray,
     Map,
     Rules,
     adjoint,

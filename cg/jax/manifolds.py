@@ -12,10 +12,11 @@ from cg import frames
 from cg.frames.facts import facts_of
 from cg.frames.matrix_functions import newton_schulz
 from cg.frames.stiefel import min_norm_generator
-from cg.jax.entire import JaxArray, angle_over_sine, power_series
+from cg.jax.entire_functions import angle_over_sine, power_series
 from cg.jax.groups import functions_of, make_series_dexpinv
 from cg.jax.matrices import expm, projection
 from cg.jax.rules import (
+    JaxArray,
     Rules,
     adjoint,
     column_error,

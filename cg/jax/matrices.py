@@ -18,8 +18,7 @@ import numpy as np
 
 from cg.frames import SO, SU, MatrixGroup, U
 from cg.frames.matrix_functions import MAX_EXPONENT
-from cg.jax.entire import JaxArray
-from cg.jax.rules import adjoint, linear, real_dtype
+from cg.jax.rules import JaxArray, adjoint, linear, real_dtype
 
 _MAX_SQUARINGS = round(math.log2(MAX_EXPONENT))
 _NEAR_IDENTITY = 0.25

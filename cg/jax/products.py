@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import Power, Product
-from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules, read_point
+from cg.jax.rules import JaxArray, Rules, read_point
 
 
 def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:

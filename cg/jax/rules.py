@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames import Frame
-from cg.jax.entire import JaxArray
 from cg.support.arrays import Array
+
+JaxArray = Any  # jax.Array or a tracer; its operators are untyped
 
 Scalars = Sequence[JaxArray]
 Map = Callable[[JaxArray], JaxArray]

@@ -15,11 +15,10 @@ from cg.frames import Frame, Power, Product
 from cg.frames.facts import check_brackets
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.user import UserFrame
-from cg.jax.control import Before, error_estimate, turning
-from cg.jax.entire import JaxArray
+from cg.jax.control import LastStep, error_estimate, turning
 from cg.jax.frames import rules_of
-from cg.jax.rules import Rules, read_point, real_dtype
-from cg.jax.stages import Start, Within, interpolant, take_stages
+from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
+from cg.jax.stages import Start, StepInterpolation, interpolant, take_stages
 from cg.jax.term import (
     FrameTerm,
     LinearTerm,
@@ -42,7 +41,7 @@ class SolverState(eqx.Module):
     """What a step needs of the steps before."""
 
     at_start: JaxArray  # coefficients at the start of the step
-    before: Before | None  # the step before, of Magnus methods
+    last_step: LastStep | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
     between: bool = eqx.field(static=True, default=False)  # whether output needs interpolants
 
@@ -96,7 +95,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     max_angle: float | None = eqx.field(static=True)
 
     term_structure: ClassVar[Any] = diffrax.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., Any]] = Within
+    interpolation_cls: ClassVar[Callable[..., Any]] = StepInterpolation
 
     def __init__(
         self, method: str | HasTable, *, dense: str = "accurate", unroll: bool = False,
@@ -171,8 +170,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         )
         real = at_start.dtype
         none = jnp.zeros((), real), jnp.zeros((len(self.table.c), frame.dim), real)
-        before = Before(*none) if self.table.kind is Kind.LINEAR else None
-        return SolverState(at_start, before, *events_and_output())
+        last_step = LastStep(*none) if self.table.kind is Kind.LINEAR else None
+        return SolverState(at_start, last_step, *events_and_output())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -183,7 +182,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         rules, table = rules_in(terms), self.table
         if isinstance(terms, diffrax.MultiTerm):
             return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
-        at_start, before = solver_state.at_start, solver_state.before
+        at_start, last_step = solver_state.at_start, solver_state.last_step
         h = jnp.asarray(terms.contr(t0, t1), at_start.dtype)
 
         def f(c: Any, y: JaxArray) -> JaxArray:
@@ -191,8 +190,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
         if made_jump is not False:
             at_start = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: at_start)
-            if before is not None:
-                before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
+            if last_step is not None:
+                last_step = LastStep(jnp.where(made_jump, 0.0, last_step.h), last_step.values)
         start = Start(rules, f, h, y0, at_start)
         accurate, evaluations = self.dense == _DENSE[0], max(table.output.final, len(table.c))
         if accurate and solver_state.between and not self.unroll:
@@ -200,14 +199,14 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         stages = take_stages(table, start, unroll=self.unroll, evaluations=evaluations)
         at_end = f(1.0, stages.result) if stages.at_end is None else stages.at_end
         within = interpolant(self.table, start, stages, at_end, accurate=accurate)
-        error = error_estimate(table, start, stages, before)
+        error = error_estimate(table, start, stages, last_step)
         if error is not None and solver_state.has_events and self.max_angle is not None:
             too_far = turning(rules.frame, h * stages.values[0]) > self.max_angle
             error = jnp.where(
                 too_far | (turning(rules.frame, h * at_end) > self.max_angle), jnp.inf, error
             )
-        before = None if before is None else Before(h, stages.values)
-        state = SolverState(at_end, before, solver_state.has_events, solver_state.between)
+        last_step = None if last_step is None else LastStep(h, stages.values)
+        state = SolverState(at_end, last_step, solver_state.has_events, solver_state.between)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(

@@ -14,8 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules, linear
+from cg.jax.rules import JaxArray, Rules, linear
 from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.support.shared_numbers import EstimateForm
@@ -193,7 +192,7 @@ class _Interpolant(eqx.Module):
         return jax.lax.scan(lambda y, v: (self.rules.flow(v, y), None), self.y0, vectors)[0]
 
 
-class Within(diffrax.AbstractLocalInterpolation):
+class StepInterpolation(diffrax.AbstractLocalInterpolation):
     """The solution within one step, as diffrax asks for it."""
 
     t0: Any

@@ -13,9 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg.frames import Euclidean, Frame, Product
-from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import Rules, real_dtype
+from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.tables import MethodTable
 
 _CALLERS = 13  # calls to look back; equinox has some between diffrax and a solver

@@ -57,7 +57,7 @@ RECORD = {
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
-    "raised": "integer",  # whether a function failed: by an exception, or an invalid number
+    "raised": "flag",  # whether a function failed: by an exception, or an invalid number
     "step_size": "real",  # signed, of the first lane that no terminal event has ended
     "residual": "real",  # that of stage equations in the last iteration of the first lane
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
@@ -210,8 +210,8 @@ VARIATION = {
     "index": "address",
     "constant": "address",
     "step": "real",  # step of differences, relative
-    "forces_alone": "integer",  # whether forces alone make coefficients, of a splitting method
-    "one_sided": "integer",  # 1 for forward differences in place of central ones
+    "forces_alone": "flag",  # whether forces alone make coefficients, of a splitting method
+    "one_sided": "flag",  # whether forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
     "failed_function": "integer",  # the last one, a `FailedFunction`
 }

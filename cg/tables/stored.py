@@ -71,6 +71,6 @@ def unique_table(method: Any, polynomial: bool = False) -> MethodTable:
 
 def source_method(table: MethodTable) -> Any:
     """Return the method that a table was compiled from."""
-    if table.source is not None:
-        return table.source
+    if table.method is not None:
+        return table.method
     return import_module("cg.construction.catalogue").method_of(table.name)

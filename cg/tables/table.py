@@ -52,7 +52,7 @@ class MethodRecord(ctypes.Structure):
 
 
 @dataclass(frozen=True, eq=False)
-class Output:
+class InterpolantScheme:
     """How points between steps are computed; `cg.construction.methods.interpolant` explains it.
 
     ``flow_c`` and ``flow_weights`` are the flows to the result of a method for fields that depend
@@ -99,11 +99,11 @@ class MethodTable:
     estimate_fault: str
     numbers: Mapping[str, float]
     arrays: Mapping[str, Array]
-    output: Output
+    output: InterpolantScheme
     # on actions of matrices: one flow along the polynomial through the coefficients at the nodes
     polynomial: MethodTable | None = None
     real_stability: float | None = None
-    source: Any = None  # the method that the table was made of, unless it is stored
+    method: Any = None  # the method that the table was made of, unless it is stored
 
     def __repr__(self) -> str:
         return self.label
@@ -111,7 +111,7 @@ class MethodTable:
     def __reduce__(self) -> tuple[Any, ...]:
         # processes read stored tables themselves
         restore = import_module("cg.tables.stored").unique_table
-        method = self.name if self.source is None else self.source
+        method = self.name if self.method is None else self.method
         return restore, (method, True) if self.is_polynomial else (method,)
 
     @property
@@ -153,9 +153,9 @@ class MethodTable:
 
     def real_limit(self) -> float | None:
         """Return the limit of stability along the negative real axis, None if there is none."""
-        if self.source is None:
+        if self.method is None:
             return self.real_stability
-        summary = import_module("cg.construction.catalogue.summary").summary_of(self.source)
+        summary = import_module("cg.construction.catalogue.summary").summary_of(self.method)
         return summary.real_stability  # type: ignore[no-any-return]
 
     @property
@@ -226,8 +226,8 @@ class MethodTable:
 
 def _plain(value: Any) -> Any:
     """Return a value as data for JSON."""
-    if isinstance(value, MethodTable | Output):
-        value = {x.name: getattr(value, x.name) for x in fields(value) if x.name != "source"}
+    if isinstance(value, MethodTable | InterpolantScheme):
+        value = {x.name: getattr(value, x.name) for x in fields(value) if x.name != "method"}
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
     return value.tolist() if isinstance(value, np.ndarray) else value
@@ -250,7 +250,7 @@ def from_dict(data: dict[str, Any]) -> MethodTable:
             name: np.array(entry, np.intc if name in _INTEGERS else np.float64)
             for name, entry in data["arrays"].items()
         },
-        "output": Output(**output),
+        "output": InterpolantScheme(**output),
         "polynomial": None if polynomial is None else from_dict(polynomial),
     }
     return MethodTable(**(data | converted))

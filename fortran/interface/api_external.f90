@@ -174,8 +174,8 @@ contains
 
     plan => plan_at(address)
     do i = 1, points
-      call add_constraint_forces(plan%frame, y(:, i), .false., f(:, i), status(i), &
-                                 multipliers(:, i))
+      call add_constraint_forces(plan%frame, y(:, i), forces_alone=.false., f=f(:, i), &
+                                 status=status(i), multipliers=multipliers(:, i))
     end do
   end subroutine joints_forces
 

@@ -232,7 +232,7 @@ contains
     run%next = size(run%lanes) + 1
     run%record%ended = count(.not. run%busy, kind=c_int64_t)
     run%record%failed = 0
-    run%record%raised = 0
+    run%record%raised = .false.
   end subroutine wake
 
   ! Advances all lanes until all members have ended, or the budget is used up.
@@ -301,14 +301,14 @@ contains
         ! the frame, which all lanes share, has the inertia of the member that is advanced
         if (allocated(run%bodies)) run%frame%bodies => run%bodies(:, lane%member)
         if (status /= out_of_memory) call resume(lane, run%output, budget)
-        if (record%raised /= 0) lane%status = raised
+        if (record%raised) lane%status = raised
         status = lane%status
         if (any(status == [needs_rhs, needs_events, needs_maximum, paused])) return
         call store_lane(run, i)
         run%busy(i) = .false.
         record%ended = record%ended + 1
         if (all(status /= [finished, terminal_event])) record%failed = record%failed + 1
-        if (status == raised) record%raised = 1
+        if (status == raised) record%raised = .true.
         if (status == raised) return
       end do
     end associate

@@ -121,7 +121,7 @@ contains
     unit = 0.0_wp
     associate (n => size(f), forces => self%plan%frame%forces)
       do j = merge(n + 1, 1, given(1)), merge(n, size(unit), given(2))
-        if (self%record%forces_alone /= 0 .and. j > forces .and. j <= n) cycle
+        if (self%record%forces_alone .and. j > forces .and. j <= n) cycle
         unit(j) = 1.0_wp
         if (j <= n) call add_difference(self, y, f, lengths(j), unit(:n), unit(:0), a(j, :))
         if (j > n) call add_difference(self, y, f, lengths(j), unit(:0), unit(n + 1:), d(j - n, :))
@@ -191,7 +191,7 @@ contains
 
     call c_f_pointer(self%parameters, parameters, [size(change)])
     before = parameters
-    sides = merge(1, 2, self%record%one_sided /= 0)
+    sides = merge(1, 2, self%record%one_sided)
     values(:, 2) = f
     do side = 1, sides
       ahead = merge(step, -step, side == 1)
@@ -255,10 +255,10 @@ contains
       call call_function(self, record%f, record%f_data, y, f)
       if (self%code /= 0 .or. frame%forces == 0) return
       call take_forces(frame, y, f)
-      if (record%forces_alone /= 0) return
+      if (record%forces_alone) return
       call add_free_motion(frame, y, f)
       if (.not. frame%jointed .or. .not. finite(size(f), f)) return
-      call add_constraint_forces(frame, y, .false., f, status)
+      call add_constraint_forces(frame, y, forces_alone=.false., f=f, status=status)
       if (status == raised) self%code = raised_in_python
       if (status /= finished) f = nan
     end associate

@@ -162,9 +162,11 @@ contains
         self%vectors(:, 2) = x%end_slope
       end if
       if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
-        call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
+        call add_constraint_forces(x%frame, self%y0, forces_alone=.true., &
+                                   f=self%vectors(:, 1), status=status)
         if (status == finished) &
-          call add_constraint_forces(x%frame, self%y1, .true., self%vectors(:, 2), status)
+          call add_constraint_forces(x%frame, self%y1, forces_alone=.true., &
+                                     f=self%vectors(:, 2), status=status)
         if (status /= finished) then
           call fail(x, status, self%t0)
           return
@@ -239,7 +241,7 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     real(wp) :: kept                         ! fraction of the step before the end
-    logical :: ended
+    logical :: by_event                      ! whether an event ended the step
 
     if (x%interpolate_only) then
       call store_interpolant(output, x%member, x%t, x%interpolant)
@@ -248,57 +250,57 @@ contains
       x%status = merge(paused, output%status, output%status == finished)
       return
     end if
-    ended = .false.
+    by_event = .false.
     if (x%seeks_events) then
       ! the interpolant has all its nodes, so that their memory is free
-      call store_zeros(x, output, kept, ended, x%interpolant%y)
+      call store_zeros(x, output, kept, by_event, x%interpolant%y)
       if (x%status /= finished) return
       deallocate (x%zeros)
     end if
-    if (ended) then
-      call store_until(x, time_at(x, kept), x%interpolant%y, ended, output)
+    if (by_event) then
+      call store_until(x, time_at(x, kept), x%interpolant%y, by_event, output)
     else
-      call store_until(x, x%t_end, x%y(:, x%result), ended, output)
+      call store_until(x, x%t_end, x%y(:, x%result), by_event, output)
     end if
   end subroutine store_output
 
   ! Stores the output of a step up to time t, where the solution is y.
-  subroutine store_until(x, t, y, ended, output)
+  subroutine store_until(x, t, y, by_event, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
-    logical, intent(in) :: ended                       ! whether by an event
+    logical, intent(in) :: by_event                    ! whether an event ended the step
     type(output_t), intent(inout) :: output
     logical :: last
 
     call store_outputs(x, t, y, output)
     if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    last = ended .or. t == x%problem%stops(size(x%problem%stops))
+    last = by_event .or. t == x%problem%stops(size(x%problem%stops))
     if (output%status == finished) call store_step(output, x%counts%steps, t, y, last)
     if (output%status /= finished) then
       call fail(x, output%status, t, observer_failed)
       return
     end if
     if (size(x%last_y) > 0) then
-      x%last = last_step_t(cut=ended, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
+      x%last = last_step_t(cut=by_event, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
       x%last_y(:) = x%y(:, 0)
       x%last_slope(:) = x%slope
       if (.not. x%slope_known) x%last_slope = nan
     end if
-    call begin_next_step(x, t, y, ended)
+    call begin_next_step(x, t, y, by_event)
   end subroutine store_until
 
   ! Starts the next step at y, after a jump or at a breakpoint without memory, or ends.
-  subroutine begin_next_step(x, t, y, ended)
+  subroutine begin_next_step(x, t, y, by_event)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
-    logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends, jumps                             ! whether f or the solution may jump
+    logical, intent(in) :: by_event
+    logical :: at_stop, jumps                          ! whether f or the solution may jump
 
-    ends = t == x%problem%stops(x%segment)
-    jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
-    if (ended) then
+    at_stop = t == x%problem%stops(x%segment)
+    jumps = by_event .or. (at_stop .and. x%segment < size(x%problem%stops))
+    if (by_event) then
       if (abs(t - x%t) > 10 * resolution(t)) x%jumps_in_place = 0
       x%jumps_in_place = x%jumps_in_place + 1
       x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
@@ -310,8 +312,8 @@ contains
     x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
     if (jumps) call forget_step(x)
-    if (ends) x%phase = phase_begin_segment
-    if (.not. ended) then
+    if (at_stop) x%phase = phase_begin_segment
+    if (.not. by_event) then
       x%events%before = x%events%after
     else if (any(x%events%count >= x%problem%events%table%limit) &
              .and. .not. x%problem%record%goes_on) then
@@ -379,15 +381,15 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (end => x%request%y, inner => x%problem%inner)
+    associate (point => x%request%y, inner => x%problem%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
       call prepare_inner(x, output)
-      end = x%y(:, 0)
+      point = x%y(:, 0)
       associate (first => x%method%path_first(x%method%result), &
                  last => x%method%path_first(x%method%result + 1) - 1)
         call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, end, &
+        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, point, &
                                inner)
       end associate
       x%counts%nexp = x%counts%nexp + 1

@@ -27,9 +27,9 @@ module collocation_m
             refactor, request_collocation
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
-  ! end it, and those below `noise` that no longer decrease, both relative to the point.
-  real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), noise = epsilon(1.0_wp)**0.6_wp
-  integer, parameter :: max_rounds = 50
+  ! end it, and those below `near_rounding` that no longer decrease, both relative to the point.
+  real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), near_rounding = epsilon(1.0_wp)**0.6_wp
+  integer, parameter :: max_in_equal_steps = 50           ! iterations with them
   ! A Jacobian is used again if the corrections with it decreased by this factor.
   real(wp), parameter :: fast_rate = 1e-3_wp
 
@@ -46,7 +46,7 @@ contains
         call request_jacobian(x)
         return
       end if
-      if (abs(x%h - x%collocation%factored_h) > noise * abs(x%h)) then
+      if (abs(x%h - x%collocation%factored_h) > near_rounding * abs(x%h)) then
         call factor(x, x%h, singular)
         x%counts%nlu = x%counts%nlu + 2
         if (singular) then
@@ -202,7 +202,7 @@ contains
       call solve(x, 1, d(:, 1))
       call solve(x, 2, d(:, 2:3))
       dz = matmul(d, transpose(x%method%transformation%t))
-      remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
+      remaining = merge(max_iterations, max_in_equal_steps, x%problem%adaptive) - newton%iteration
       ! the limit and the numbers of RADAU5 for the error of Newton's method, as part of a tolerance
       tolerance = rounding
       if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
@@ -217,7 +217,7 @@ contains
           newton%rate_factor = newton%rate / (1 - newton%rate)
           slow = newton%rate**remaining * correction / (1 - newton%rate) > tolerance
         end if
-        if (.not. x%problem%adaptive .and. slow .and. correction <= noise) solved = .true.
+        if (.not. x%problem%adaptive .and. slow .and. correction <= near_rounding) solved = .true.
       end if
       solved = solved .or. newton%rate_factor * correction <= tolerance .and. .not. slow
       newton%norm = correction

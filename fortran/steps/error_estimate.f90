@@ -158,7 +158,7 @@ contains
     change = 0.0_wp
     do i = 2, size(x%method%c)
       x%norms%displacement = x%f(:, i) - x%f(:, 1)
-      change = max(change, abs(x%h) * turning(x%frame, x%norms%displacement, .true.))
+      change = max(change, abs(x%h) * turning(x%frame, x%norms%displacement, fields=.true.))
     end do
     power = 1 / x%tolerances%exponent
     ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
@@ -183,7 +183,7 @@ contains
     real(wp) :: excess
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
-    excess = abs(x%h) * turning(x%frame, x%f(:, 1), .true.) / max_angle
+    excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
     if (excess <= min_excess) return         ! a power above one makes it smaller still
     excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%error, min_excess)) return

@@ -22,7 +22,7 @@ module implicit_m
   private
   public :: request_implicit, receive_implicit
 
-  real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
+  real(wp), parameter :: near_rounding = 1e-10_wp    ! corrections below it may be those of f
   real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
   real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
 
@@ -65,9 +65,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%stage = x%implicit%first
-    x%paths = 0
+    x%paths_followed = 0
     if (x%method%blocks > 1 .and. .not. x%problem%record%of_time) &
-      x%paths = max(x%method%stage_path(x%stage) - 1, 0)
+      x%paths_followed = max(x%method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
   ! Stores the coefficients at a stage; the last one of a block leads on to a correction or column.
@@ -195,7 +195,7 @@ contains
         correction = max(correction, maxval(abs(d(:, i)) / scale))
       end do
       if (correction <= epsilon(1.0_wp) &
-          .or. (solver%correction <= correction .and. correction <= noise)) then
+          .or. (solver%correction <= correction .and. correction <= near_rounding)) then
         call next_block(x)
         return
       end if
@@ -204,7 +204,8 @@ contains
         call reject_block(x, block)
         return
       end if
-      if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
+      if (correction > max(slow * solver%correction, near_rounding)) &
+        solver%factored_h(block) = 0.0_wp
       solver%correction = correction
       solver%smallest = min(solver%smallest, solver%residual)
       solver%iteration = solver%iteration + 1

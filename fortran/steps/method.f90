@@ -27,8 +27,8 @@ module method_m
     logical :: flat = .false.                ! whether the stages of a flat method are used
     integer :: final = 0                     ! the derivative at the end
     integer :: series = 0                    ! order up to which dexp^-1 is needed
-    real(wp), allocatable :: theta(:)        ! (extra) further nodes
-    real(wp), allocatable :: row(:, :)       ! (derivatives, extra) what leads there
+    real(wp), allocatable :: theta(:)        ! (further) nodes
+    real(wp), allocatable :: row(:, :)       ! (derivatives, further) what leads there
     real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
     ! elsewhere
     integer :: nodes = 2

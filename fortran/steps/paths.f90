@@ -177,31 +177,31 @@ contains
   subroutine follow_paths(x, last)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
-    integer :: i, begin, end
+    integer :: i, first, after_last                    ! flows of a path
 
-    do i = x%paths + 1, last
+    do i = x%paths_followed + 1, last
       if (x%problem%record%of_time .and. .not. x%method%leads(i)) cycle
-      begin = x%method%path_first(i)
-      end = x%method%path_first(i + 1)
+      first = x%method%path_first(i)
+      after_last = x%method%path_first(i + 1)
       call copy(x%frame%point_size, x%y(:, x%method%origin(i)), x%y(:, i))
+      if (x%method%kind /= splitting_kind) call combine_flows( &
+        x%method%flows, x%weight, first, after_last - 1, x%frame%dimension, x%f, x%v)
       select case (x%method%kind)
       case (splitting_kind)
         call move_by_splitting(x, i, x%y(:, i))
         if (x%status /= finished) return
         if (x%frame%jointed) cycle           ! drifts with joints have counted and restored
       case (polynomial_kind)
-        call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
-        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :end - begin), &
+        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :after_last - first), &
           abs(x%h) / max(abs(x%h), x%problem%duration), x%y(:, i), x%problem%inner)
-        end = begin + 1                      ! they are one flow
+        after_last = first + 1               ! they are one flow
       case default
-        call combine_flows(x%method%flows, x%weight, begin, end - 1, x%frame%dimension, x%f, x%v)
-        call apply_flows(x%frame, end - begin, x%v, x%y(:, i))
+        call apply_flows(x%frame, after_last - first, x%v, x%y(:, i))
       end select
       if (i == x%method%result .or. i == x%method%embedded) call restore(x%frame, x%y(:, i))
-      x%counts%nexp = x%counts%nexp + int(end - begin, int64)
+      x%counts%nexp = x%counts%nexp + int(after_last - first, int64)
     end do
-    x%paths = max(x%paths, last)
+    x%paths_followed = max(x%paths_followed, last)
   end subroutine follow_paths
 
   ! Computes the brackets of the fields at the stages, times the step size.
@@ -267,7 +267,7 @@ contains
     if (x%method%kind == algebra_kind .and. x%method%stage_path(x%stage) > 0) then
       associate (path => x%method%stage_path(x%stage), f => x%f(:, x%stage))
         ! v has the coefficients of the flow that was followed last, unless an error was estimated
-        if (x%paths /= path .or. x%stage == x%method%final_stage) &
+        if (x%paths_followed /= path .or. x%stage == x%method%final_stage) &
           call combine_flows(x%method%flows, x%weight, x%method%path_first(path), &
                              x%method%path_first(path), size(f), x%f, x%v)
         call dexpinv(x%frame, x%method%series, x%v(:, 1), f, exists)

@@ -142,7 +142,7 @@ contains
     real(wp), allocatable :: theta(:), values(:, :)    ! (0:parts), (0:parts, events)
     integer :: i, alloc_status, n
 
-    n = parts(x)
+    n = count_parts(x)
     endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
     if (x%problem%adaptive .and. n > merge(parts_of_turn, many_parts, &
                                            endless .and. x%problem%record%common)) then
@@ -214,7 +214,7 @@ contains
   end function keeps_sign
 
   ! The number of parts whose ends are compared
-  integer function parts(x)
+  integer function count_parts(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: angle
     integer :: column
@@ -226,11 +226,11 @@ contains
       ! coefficients of splitting methods are forces alone
       if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%v)
       x%v(:, 1) = x%h * x%v(:, 1)
-      angle = max(angle, turning(x%frame, x%v(:, 1), .false.))
+      angle = max(angle, turning(x%frame, x%v(:, 1), fields=.false.))
     end do
     if (any(x%frame%blocks%kind == callback_block)) angle = min(angle, two_turns)
-    parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
-  end function parts
+    count_parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
+  end function count_parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
   subroutine find_zeros_of_event(x, event, theta, values)

@@ -137,7 +137,7 @@ contains
     max_step_by_turn = x%tolerances%max_step
     if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%record%common &
         .or. .not. x%slope_known .or. size(x%events) == 0) return
-    rate = turning(x%frame, x%slope, .false.)
+    rate = turning(x%frame, x%slope, fields=.false.)
     if (rate * max_step_by_turn > turn) max_step_by_turn = turn / rate
   end function max_step_by_turn
 
@@ -167,7 +167,7 @@ contains
       x%stage = 1
       x%collocation%iteration = 0
       x%implicit%first = 0
-      x%paths = 0
+      x%paths_followed = 0
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start

@@ -189,7 +189,7 @@ module trajectory_m
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times weight_h
     ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
     integer :: stage = 1
-    integer :: paths = 0                     ! number of paths that have been followed
+    integer :: paths_followed = 0
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) the flows followed last
     ! (dimension, summands) see method_t; of a two-register method the register Z

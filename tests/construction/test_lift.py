@@ -11,7 +11,7 @@ import cg
 from cg.construction.catalogue import methods
 from cg.construction.layouts import Layout
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, random_layout
-from cg.construction.methods.flat import flat_order, stage_orders
+from cg.construction.methods.classical_conditions import flat_order, stage_orders
 
 
 def pair(name):

@@ -105,7 +105,8 @@ def ours(name):
 
 def errors_of(method, step):
     """Return the coefficients of the errors, summed over the stages in their order."""
-    weights = [[STEP * float(weight) for weight in row] for row in method.advancing.error_weights]
+    rows = method.advancing_method.error_weights
+    weights = [[STEP * float(weight) for weight in row] for row in rows]
     return [sum(w * v for w, v in zip(row, step.fields, strict=True)) for row in weights]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.paths import paths_of
-from cg.construction.methods.plain import take_paths
+from cg.construction.methods.reference_step import take_paths
 from cg.support.shared_numbers import EstimateForm
 
 

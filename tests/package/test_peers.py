@@ -9,7 +9,7 @@ from kinds import FROZEN
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.construction.methods.flat import flat_residuals
+from cg.construction.methods.classical_conditions import flat_residuals
 from cg.construction.methods.low_storage import two_registers
 from cg.construction.trees import forest, rooted_trees_through
 from cg.frames import SE3, UnitQuaternion

@@ -19,7 +19,7 @@ from cg.construction.proofs import Certificate, CertificationError, certificate_
 from cg.construction.proofs.digits import max_digits
 from cg.construction.proofs.krawczyk import enclose_zero, krawczyk
 from cg.construction.proofs.packed import certificate_names, fitting, folder
-from cg.support.quads import working_precision as precision
+from cg.support.quads import working_precision
 
 CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS, **SPLITTING}
@@ -267,7 +267,7 @@ def test_where_the_zero_is():
     certificate = certify(method)
     packed = fitting(certificate, method)
     system, movable = packed.system(), packed.movable(certificate)
-    with precision(1000):
+    with working_precision(1000):
         balls = packed.balls()
         wide, narrow = (
             enclose_zero(system, balls, movable, krawczyk(system, balls, movable, arb(r)), places)
@@ -279,7 +279,7 @@ def test_where_the_zero_is():
         none = krawczyk(system, packed.balls(), movable, arb("1e-40"))
         with pytest.raises(CertificationError, match="no zero is proved"):
             enclose_zero(system, packed.balls(), movable, none, 60)
-    with precision(200):
+    with working_precision(200):
         test = krawczyk(system, packed.balls(), movable, arb("1e-35"))
         with pytest.raises(CertificationError, match="100 places aren't proved"):
             enclose_zero(system, packed.balls(), movable, test, 100)

@@ -18,8 +18,7 @@ from cg.construction.proofs import CertificationError, certify, check
 from cg.construction.proofs.dependent import pairings as pr
 from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
 from cg.construction.search.candidate import pack_method
-from cg.support.quads import to_ball
-from cg.support.quads import working_precision as precision
+from cg.support.quads import to_ball, working_precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
@@ -67,7 +66,7 @@ def test_conditions_left_out_hold_near_solutions(name):
 def test_products_of_vectors_are_weights_for_any_coefficients(name):
     layout = find_method(name).layout
     orders = [4, 3] if layout.pair else [5]
-    with precision(200):
+    with working_precision(200):
         y = list(map(to_ball, random_rationals(layout.size, 2)))
         for pairing in pr.pairings(layout, orders, y):
             generator = np.random.default_rng(3)
@@ -136,7 +135,7 @@ def test_moments_of_the_exact_solution():
 
 def test_moments_are_exactly_zero_on_flows_from_the_start():
     layout = cg.methods["CF6d"].layout
-    with precision(200):
+    with working_precision(200):
         flows = pr.pairings(layout, [4], balls(cg.methods["CF6d"], 1e-9))[1]
     first = [m for m, parent in enumerate(layout.parents) if parent < 0]
     for column, vector in zip(flows.columns, flows.right, strict=True):
@@ -147,7 +146,7 @@ def test_moments_are_exactly_zero_on_flows_from_the_start():
 def test_dependent_and_independent_conditions():
     method = cg.methods["CF5c"]
     left_out = left_out_of(method)
-    with precision(320):
+    with working_precision(320):
         assert follow(method.layout, [5], balls(method, 1e-30), left_out)
         assert follow(method.layout, [5], balls(method, 1e-30), left_out[:3])
         assert not follow(method.layout, [5], balls(method, 0.1), left_out)
@@ -162,7 +161,7 @@ def test_dependent_and_independent_conditions():
 
 def test_relations_are_orthogonal_to_all_derivatives():
     method = cg.methods["CF5b"]
-    with precision(320):
+    with working_precision(320):
         relations = find_relations(method.layout, [5], balls(method), 20)
     assert relations.shape == (8, 38)
     candidate = pack_method(method)

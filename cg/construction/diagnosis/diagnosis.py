@@ -22,9 +22,9 @@ from cg.construction.catalogue.entries import (
 )
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.diagnosis.correction import Correction, corrections
+from cg.construction.methods.classical_conditions import failing_rooted, flat_order
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.flat import failing_rooted, flat_order
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting

@@ -22,9 +22,9 @@ import numpy as np
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.layouts import MAX_STAGES, check_length
 from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
+from cg.construction.methods.classical_conditions import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.flat import flat_order, flat_residuals, stage_orders
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.candidate import Candidate, correct, solved
 from cg.construction.search.optimise import Limits, optimise

@@ -18,7 +18,7 @@ from cg.construction.conditions import condition_trees
 from cg.construction.layouts import Layout
 from cg.construction.points import START
 from cg.construction.search.shapes import draw_layout
-from cg.construction.solvers.held import Held
+from cg.construction.solvers.held import HeldValues
 from cg.construction.solvers.system import ConditionSystem
 from cg.support.quads import to_decimal
 
@@ -113,7 +113,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
             continue
         layout = rows.layout(tree.parents, ends[:-1], flows - 1, uses)
         try:
-            Held.solving(path_sums(rows, layout), layout.size)
+            HeldValues.solving(path_sums(rows, layout), layout.size)
         except ArithmeticError:  # no weights add up to the rows
             continue
         return layout
@@ -149,9 +149,9 @@ class SplitRows(ConditionSystem):
     stage_orders: tuple[int, ...] = field(default=(), kw_only=True)
 
     @cached_property
-    def held(self) -> Held:
+    def held(self) -> HeldValues:
         """The sums that paths keep, solved for their last weights, the remainders."""
-        return Held.solving(path_sums(self.flat, self.layout), self.size)
+        return HeldValues.solving(path_sums(self.flat, self.layout), self.size)
 
     @property
     def orders(self) -> tuple[int, ...]:

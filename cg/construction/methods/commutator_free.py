@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cg.construction.layouts import Layout
+from cg.construction.methods.classical_conditions import flat_order, flat_residuals
 from cg.construction.methods.coefficients import (
     Coefficient,
     read_coefficient,
@@ -23,7 +24,6 @@ from cg.construction.methods.coefficients import (
     read_third,
     values_of,
 )
-from cg.construction.methods.flat import flat_order, flat_residuals
 from cg.construction.methods.method import Method
 from cg.construction.methods.tableau import Tableau
 from cg.construction.points import MethodError, Point, PointTree, check_tree, tree_of_rows
@@ -357,7 +357,7 @@ class MuntheKaas(Method):
         return flat_order(Tableau(self.tableau.entries, self.third_weights))
 
     @cached_property
-    def advancing(self) -> MuntheKaas:
+    def advancing_method(self) -> MuntheKaas:
         """The method with the weights of higher order first, with which steps are taken."""
         second = self.tableau.embedded_weights
         if second is None or (self.embedded_order or 0) <= self.order:

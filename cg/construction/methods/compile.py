@@ -8,7 +8,7 @@ import numpy as np
 
 from cg.construction.conditions import MAX_ORDER, residuals
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.interpolant import output_of
+from cg.construction.methods.interpolant import scheme_of
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import MethodPaths, error_power, paths_of, polynomial_paths
@@ -21,10 +21,10 @@ _MIN_DIFFERENCE = 1e-6  # smallest useful one of elementary weights of both resu
 def compiled(method: Method) -> MethodTable:
     """Return the table of a method, which `Method.table` keeps."""
     exponent = 0.0 if method.embedded_order is None else error_exponent(method)
-    along = None
+    one_flow = None
     if isinstance(method, MagnusMethod) and (polynomial := polynomial_paths(method)):
-        along = table_of_paths(method, polynomial, 1.0 / (method.stages + polynomial.power))
-    return table_of_paths(method, paths_of(method), exponent, along)
+        one_flow = table_of_paths(method, polynomial, 1.0 / (method.stages + polynomial.power))
+    return table_of_paths(method, paths_of(method), exponent, one_flow)
 
 
 def table_of_paths(
@@ -39,8 +39,8 @@ def table_of_paths(
         kept_vectors=vectors if paths.registers is None else 1,
         kept_nodes=vectors * (method.explicit and method.stages > 2 and not any(paths.stages)),
         converges=method.satisfies(1), estimate_fault=_estimate_fault(method) if pair else "",
-        numbers=paths.numbers, arrays=paths.arrays, output=output_of(method, paths),
-        polynomial=polynomial, source=method,
+        numbers=paths.numbers, arrays=paths.arrays, output=scheme_of(method, paths),
+        polynomial=polynomial, method=method,
     )  # fmt: skip
 
 
@@ -81,9 +81,9 @@ def kind_of(method: Method) -> Kind:
 def error_exponent(method: Method) -> float:
     """Return the power of an error that a step is proportional to, by the orders of a pair."""
     if method.third_order is not None:
-        advancing = method.advancing if isinstance(method, MuntheKaas) else method
-        second = min(advancing.order, advancing.embedded_order or 0)  # the first one may be lower
+        pair = method.advancing_method if isinstance(method, MuntheKaas) else method
+        second = min(pair.order, pair.embedded_order or 0)  # the first one may be lower
         third = method.third_order
-        return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
+        return 1.0 / max(second + 1 + error_power(pair) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)

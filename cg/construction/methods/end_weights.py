@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from cg.construction.conditions.exact import Quantity, Weights, condition_words
 from cg.construction.layouts import Layout
+from cg.construction.methods.classical_conditions import stage_weights
 from cg.construction.methods.commutator_free import MuntheKaas
-from cg.construction.methods.flat import stage_weights
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.points import PointTree

@@ -49,7 +49,7 @@ from cg.construction.methods.commutator_free import MuntheKaas
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import paths_of
-from cg.construction.methods.plain import End, take_paths, with_weights
+from cg.construction.methods.reference_step import End, take_paths, with_weights
 from cg.frames.algebra import bernoulli_terms
 from cg.support.checks import check_instance
 from cg.support.quads import to_flint, to_fraction
@@ -113,7 +113,7 @@ def estimate_ratio(method: Method) -> float | None:
         return max(_max_ratio(method, MAX_ANGLE, base) for base in _BASES)
     if not isinstance(method, MuntheKaas):
         return _max_ratio(method, MAX_ANGLE)
-    series = method.advancing.order, None
+    series = method.advancing_method.order, None
     return max(_max_ratio(method, _MAX_TURN, powers=powers) for powers in series)
 
 
@@ -201,7 +201,7 @@ def _fields(
     c = paths.abscissae
     if isinstance(method, MuntheKaas):
         scale = (_dexpinv(np.outer(turn, c), powers) - 1) / np.where(c == 0, 1.0, c)
-        system = np.eye(len(c)) + scale[..., None] * method.advancing.tableau.a
+        system = np.eye(len(c)) + scale[..., None] * method.advancing_method.tableau.a
         sources = values * (1 + scale * c)
         return np.ones(len(c)), np.linalg.solve(system, sources[..., None])[..., 0].T
     lengths, parts = polyval(c, base), np.outer(values, 1 + 0j * angles)

@@ -85,7 +85,7 @@ from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
 from cg.support.caches import cached
 from cg.tables import basis_polynomials, stored_table
-from cg.tables.table import Output
+from cg.tables.table import InterpolantScheme
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
@@ -108,15 +108,16 @@ def nodes_of(count: int) -> tuple[Array, Polynomial]:
     return nodes, integral / integral(1.0)
 
 
-def output_of(method: Method, paths: MethodPaths) -> Output:
+def scheme_of(method: Method, paths: MethodPaths) -> InterpolantScheme:
     """Return how points between steps of a method are computed."""
-    extension, along = extension_of(method), paths.polynomial
+    extension, polynomial = extension_of(method), paths.polynomial
     node, blend = _node_tables(
-        method.stages if along else inner_nodes(method), paths.abscissae if along else None
+        method.stages if polynomial else inner_nodes(method),
+        paths.abscissae if polynomial else None,
     )
     flow_c, weights = _result_flows(method, paths)
     final, series = extension.final + 1, _series_order(method)
-    return Output(final, series, *extension[1:], node, blend, flow_c, weights)
+    return InterpolantScheme(final, series, *extension[1:], node, blend, flow_c, weights)
 
 
 def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
@@ -147,7 +148,7 @@ def inner_nodes(method: Method) -> int:
 def _series_order(method: Method) -> int:
     """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
-        return max(method.advancing.order, 1)
+        return max(method.advancing_method.order, 1)
     return inner_nodes(method) + 1
 
 
@@ -157,7 +158,7 @@ def evaluations_of_nodes(nodes: int, step: int) -> int:
 
 
 class Extension(NamedTuple):
-    """Coordinates within a step as combinations of their derivatives, see `Output`."""
+    """Coordinates within a step as combinations of their derivatives, see `InterpolantScheme`."""
 
     final: int  # from 0
     theta: Array
@@ -173,7 +174,7 @@ def extension_of(method: Method) -> Extension:
         basis = _powers(len(powers)).T @ powers
         return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
-        return _with_stages(method.advancing)
+        return _with_stages(method.advancing_method)
     return _between_ends(inner_nodes(method))
 
 

@@ -157,7 +157,7 @@ def paths_of(method: Method) -> MethodPaths:
         return _collocation_paths(method)
     series = 0
     if isinstance(method, MuntheKaas):
-        method = method.advancing
+        method = method.advancing_method
         series = max(method.order, 1)
     errors, tree = method.error_weights, method.tree.without_repetitions()
     result, *second = (method.tree.merged[end] for end in method.advancing_results)

@@ -11,11 +11,16 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
 from cg.construction.proofs.packed import certificate_of, fitting
-from cg.construction.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
+from cg.construction.proofs.zero import (
+    bits_for,
+    check_left_out,
+    check_rational,
+    prove_zero,
+    zero_of,
+)
 from cg.support import flint
 from cg.support.checks import check_flag, check_instance, check_integer
-from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal
-from cg.support.quads import working_precision as precision
+from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal, working_precision
 
 _GUARD_DIGITS = 15  # beyond those that are asked for, twice and four times as many if need be
 
@@ -39,7 +44,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     movable = packed.movable(certificate)
     moves = packed.spread([float(name not in certificate.fixed) for name in packed.names])
     changed = [k for k, moved in enumerate(moves) if moved]
-    with precision(certificate.bits):
+    with working_precision(certificate.bits):
         if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
@@ -50,7 +55,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
             check_left_out(packed, certificate, test, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
-        with precision(precise(places, certificate.bits)):
+        with working_precision(bits_for(places, certificate.bits)):
             zero = packed.spread(zero_of(packed, certificate, test, places))
             rounded = {k: rounded_text(zero[k], digits) for k in changed}
         if all(rounded.values()):

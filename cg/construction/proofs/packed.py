@@ -77,7 +77,7 @@ Linearised: TypeAlias = "tuple[list[flint.arb], flint.arb_mat]"  # flint may be 
 
 
 @dataclass(frozen=True)
-class Packed(ABC):
+class PackedMethod(ABC):
     """A method as a vector of coefficients, with the orders of its results."""
 
     name: str
@@ -143,7 +143,7 @@ class Packed(ABC):
 
 
 @dataclass(frozen=True)
-class PackedWeights(Packed):
+class PackedWeights(PackedMethod):
     """A method of stages and flows as its weights, point by point; conditions may be dependent."""
 
     layout: Layout
@@ -161,7 +161,7 @@ class PackedWeights(Packed):
 
 
 @dataclass(frozen=True)
-class PackedBrackets(Packed):
+class PackedBrackets(PackedMethod):
     """A Magnus method with brackets as its coefficients that aren't zero.
 
     Conditions are those of Lyndon words in derivatives. The coefficients of words in a product of
@@ -209,7 +209,7 @@ class PackedBrackets(Packed):
 
 
 @dataclass(frozen=True)
-class PackedSplitting(Packed):
+class PackedSplitting(PackedMethod):
     r"""A splitting method as the coefficients on which its other coefficients depend.
 
     These are the first half of a symmetric method; of a composition of leapfrog those of its inner
@@ -353,7 +353,7 @@ def _commutator(letters: Sequence[int]) -> tuple[list[int], list[int]]:
     return [*drifts, 0], [sign * (flow == 1) for flow, sign in steps]
 
 
-def pack(method: Method, orders: Sequence[int]) -> Packed:
+def pack(method: Method, orders: Sequence[int]) -> PackedMethod:
     """Pack a method, with its second result if it is a pair."""
     if isinstance(method, Splitting):
         return PackedSplitting.of(method, orders)
@@ -362,7 +362,7 @@ def pack(method: Method, orders: Sequence[int]) -> Packed:
     return PackedWeights(method.name, method.coefficients, tuple(orders), method.layout)
 
 
-def fitting(certificate: Certificate, method: Method) -> Packed:
+def fitting(certificate: Certificate, method: Method) -> PackedMethod:
     """Return the packed method; raise CertificationError if the certificate is for another one."""
     if isinstance(method, MuntheKaas):
         raise CertificationError(

@@ -39,7 +39,7 @@ from cg.construction.proofs.krawczyk import (
     krawczyk,
     numerical_rank,
 )
-from cg.construction.proofs.packed import Linearised, Packed, PackedWeights, fitting, pack
+from cg.construction.proofs.packed import Linearised, PackedMethod, PackedWeights, fitting, pack
 from cg.construction.proofs.zero import (
     check_left_out,
     check_places,
@@ -48,8 +48,7 @@ from cg.construction.proofs.zero import (
     prove_zero,
 )
 from cg.support.checks import check_flag, check_instance, check_integer
-from cg.support.quads import exact_midpoint
-from cg.support.quads import working_precision as precision
+from cg.support.quads import exact_midpoint, working_precision
 
 SMALL_PLACES = 300
 """Conditions that are only shown to be small are evaluated to this many places."""
@@ -60,7 +59,7 @@ _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coeffici
 _ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
 
 
-def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
+def find_box(packed: PackedMethod, bits: int, complete: bool = False) -> Box:
     """Return a box in which the conditions have a zero that is proved, or raise.
 
     Unless `complete`, conditions that depend on others for unknown reasons are shown to be small.
@@ -101,7 +100,7 @@ def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
 
 
 def _try(
-    packed: Packed, left_out: Sequence[int], at_point: Linearised
+    packed: PackedMethod, left_out: Sequence[int], at_point: Linearised
 ) -> tuple[Box, KrawczykTest] | dict[str, float]:
     """Return the box with a zero proved and its test, or quantities that tell why there is none.
 
@@ -189,13 +188,13 @@ def certify(
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     bits = 64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64)
     try:
-        with precision(bits):
+        with working_precision(bits):
             if any(coefficient.unit for coefficient in packed.coefficients):
                 box = find_box(packed, bits, complete)
             else:
                 check_rational(packed)
                 box = Box(Decimal(0), tuple(packed.names))
-            beyond = find_beyond(packed, box)
+            beyond = find_violations(packed, box)
     except CertificationError as error:
         if order > method.order:
             error.args = (f"the order is {method.order}, not {order}: {error}",)
@@ -212,16 +211,16 @@ def check(certificate: Certificate, method: Method) -> None:
     check_instance("certificate", certificate, Certificate)
     check_instance("method", method, Method)
     packed = fitting(certificate, method)
-    with precision(certificate.bits):
+    with working_precision(certificate.bits):
         if certificate.radius == 0:
             check_rational(packed)
         else:
             test = prove_zero(packed, certificate)
             check_left_out(packed, certificate, test, certificate.bits)
-        check_beyond(packed, certificate)
+        check_violations(packed, certificate)
 
 
-def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
+def find_violations(packed: PackedMethod, box: Box) -> list[ViolatedCondition]:
     """Return the condition of the next order that is violated most, of each row of weights."""
     violations: list[ViolatedCondition] = []
     for row, order in enumerate(packed.orders):
@@ -241,7 +240,7 @@ def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
     return violations
 
 
-def check_beyond(packed: Packed, certificate: Certificate) -> None:
+def check_violations(packed: PackedMethod, certificate: Certificate) -> None:
     """Prove that conditions of the next orders are violated; CertificationError if they aren't."""
     claims = [certificate.beyond, certificate.embedded_beyond]
     for row, (order, claim) in enumerate(zip(packed.orders, claims, strict=False)):
@@ -260,7 +259,7 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
             )
 
 
-def _bounds(packed: Packed, box: Box, words: Sequence[Word], row: int) -> list[Fraction]:
+def _bounds(packed: PackedMethod, box: Box, words: Sequence[Word], row: int) -> list[Fraction]:
     """Return lower bounds of the residuals' magnitudes in the box."""
     system = packed.equations([Condition(row, word) for word in words])
     values = system.residuals(packed.enclosure(box))

@@ -19,10 +19,9 @@ from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import follow
 from cg.construction.proofs.krawczyk import KrawczykTest, doubles, enclose_zero, krawczyk, max_abs
-from cg.construction.proofs.packed import Packed, PackedWeights
+from cg.construction.proofs.packed import PackedMethod, PackedWeights
 from cg.support import flint
-from cg.support.quads import to_ball, to_flint, to_fraction
-from cg.support.quads import working_precision as precision
+from cg.support.quads import to_ball, to_flint, to_fraction, working_precision
 
 SHARP_PLACES = 45
 """Decimal places of balls around a zero, in which relations between residuals are evaluated."""
@@ -30,7 +29,7 @@ SHARP_PLACES = 45
 _GUARD_PLACES = 12  # beyond those to which residuals are shown to be small
 
 
-def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
+def prove_zero(packed: PackedMethod, box: Box) -> KrawczykTest:
     """Prove that the equations have exactly one zero in a box, or raise."""
     system = packed.system(box.left_out)
     movable = packed.movable(box)
@@ -51,7 +50,7 @@ def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
     return test
 
 
-def check_left_out(packed: Packed, box: Box, test: KrawczykTest, bits: int) -> None:
+def check_left_out(packed: PackedMethod, box: Box, test: KrawczykTest, bits: int) -> None:
     """Prove what a box says of the conditions that are left out, at the zero of the others."""
     if not box.left_out:
         return
@@ -71,27 +70,31 @@ def check_left_out(packed: Packed, box: Box, test: KrawczykTest, bits: int) -> N
         )
 
 
-def zero_of(packed: Packed, box: Box, test: KrawczykTest, places: int) -> list[flint.arb]:
+def zero_of(packed: PackedMethod, box: Box, test: KrawczykTest, places: int) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test proved."""
     system, movable = packed.system(box.left_out), packed.movable(box)
     return enclose_zero(system, packed.balls(), movable, test, places)
 
 
-def max_residual(packed: Packed, box: Box, test: KrawczykTest, places: int, bits: int) -> flint.arb:
+def max_residual(
+    packed: PackedMethod, box: Box, test: KrawczykTest, places: int, bits: int
+) -> flint.arb:
     """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
-    with precision(precise(places, bits)):
+    with working_precision(bits_for(places, bits)):
         zero = zero_of(packed, box, test, places)
         values = packed.equations(box.left_out).residuals(zero)
         return max_abs(values)
 
 
-def precise(places: int, bits: int) -> int:
+def bits_for(places: int, bits: int) -> int:
     """Return the precision that decimal places need, with the bits of a certificate as a guard."""
     return math.ceil(math.log2(10) * places) + bits
 
 
-def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.arb_mat) -> None:
+def check_places(
+    packed: PackedMethod, values: Sequence[flint.arb], jacobian: flint.arb_mat
+) -> None:
     """Refuse coefficients that are further off than their last places can explain.
 
     Otherwise a solution close to wrong coefficients would pass as theirs.
@@ -108,7 +111,7 @@ def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.ar
             )
 
 
-def check_rational(packed: Packed) -> None:
+def check_rational(packed: PackedMethod) -> None:
     """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
     residuals = packed.system().residuals([to_flint(x.value) for x in packed.coefficients])
     for condition, residual in zip(packed.conditions, residuals, strict=True):

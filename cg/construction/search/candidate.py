@@ -22,7 +22,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.construction.search.shapes import fixed_entries, merge_point
 from cg.construction.search.start import EXACT
 from cg.construction.solvers.minimum_norm import fit_conditions
-from cg.construction.solvers.refine import Refined, polish_zeros, refine
+from cg.construction.solvers.refine import Refinement, polish_zeros, refine
 from cg.construction.solvers.system import ConditionSystem, Structure, next_trees
 from cg.support import quads
 from cg.support.checks import check_instance
@@ -121,7 +121,7 @@ def solved(candidate: Candidate) -> bool:
     )
 
 
-def _refined(candidate: Candidate) -> tuple[Refined, NDArray[np.intp], float]:
+def _refined(candidate: Candidate) -> tuple[Refinement, NDArray[np.intp], float]:
     """Refine a candidate, whose exact zeros stay; return what may move, and the bound to reach."""
     movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
     refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)

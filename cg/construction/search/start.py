@@ -32,7 +32,7 @@ _PROMISING = 1e-11  # with trees: sum of squares below which `descend` is tried
 
 
 @dataclass(frozen=True)
-class Phase:
+class SolverCall:
     """The result of one call of a solver."""
 
     f: float  # sum of squared residuals, or a bound of it
@@ -45,8 +45,8 @@ class RandomStart:
     """The result of one random start, which its number `index` and the settings determine."""
 
     index: int
-    double: Phase
-    quad: Phase | None  # None if `double` ended above `refine_below`
+    double: SolverCall
+    quad: SolverCall | None  # None if `double` ended above `refine_below`
     x: tuple[str, ...]  # packed coefficients, 36 digits
     max_residual: float  # over all order conditions, in real(16)
     exact: bool  # whether that is rounding error
@@ -60,8 +60,8 @@ class RandomStart:
     def of_fields(cls, fields: Mapping[str, Any]) -> RandomStart:
         """Return the start whose fields `dataclasses.asdict` has returned."""
         double, quad, x = (fields[name] for name in ("double", "quad", "x"))
-        phases = {"double": Phase(**double), "quad": None if quad is None else Phase(**quad)}
-        return cls(**{**fields, **phases, "x": tuple(x)})
+        calls = {"double": SolverCall(**double), "quad": quad and SolverCall(**quad)}
+        return cls(**{**fields, **calls, "x": tuple(x)})
 
 
 def draw_start(settings: Settings, index: int) -> tuple[Layout, NDArray[np.float64]]:
@@ -95,7 +95,7 @@ def run_start(settings: Settings, index: int) -> RandomStart:
 
 def _run_lmdif(
     settings: Settings, layout: Layout, guess: NDArray[np.float64]
-) -> tuple[Phase, Phase | None, quads.Quads]:
+) -> tuple[SolverCall, SolverCall | None, quads.Quads]:
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif requires at least as many rows as unknowns; rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
@@ -105,19 +105,19 @@ def _run_lmdif(
         return stoppable(lambda stop_flag: fit_lmdif(*problem, stop_flag))
 
     x, f, info, nfev = fit(guess, np.array([1e-18]), settings.maxfev)
-    double = Phase(_finite(f[0]), int(info), int(nfev))
+    double = SolverCall(_finite(f[0]), int(info), int(nfev))
     bits = quads.from_float(x if np.isfinite(x).all() else guess)
     if double.f > settings.refine_below:
         return double, None, bits
     x_quad, f, info, nfev = fit(bits.T, quads.from_float([1e-32]).T, settings.refine_maxfev)
-    refined = Phase(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
+    refined = SolverCall(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
     x_quad = np.ascontiguousarray(x_quad.T)
     return double, refined, x_quad if np.isfinite(quads.to_float(x_quad)).all() else bits
 
 
 def _run_minimum_norm(
     settings: Settings, system: ConditionSystem, guess: NDArray[np.float64]
-) -> tuple[Phase, Phase | None, quads.Quads]:
+) -> tuple[SolverCall, SolverCall | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
     movable = system.movable_without(fixed_entries(system.order, system.layout))
     fit = fit_conditions(
@@ -127,7 +127,7 @@ def _run_minimum_norm(
     if system.rows is None and _SOLVED < fit.f <= _PROMISING:
         fit = descend(system, fit.x, movable)
         evaluations += fit.evaluations
-    double, bits = Phase(_finite(fit.f), int(fit.status), evaluations), quads.from_float(fit.x)
+    double, bits = SolverCall(_finite(fit.f), int(fit.status), evaluations), quads.from_float(fit.x)
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)
@@ -135,7 +135,7 @@ def _run_minimum_norm(
     # Corrections end where they reduce residuals no more, by rounding or far from a solution.
     exact = _is_exact(refined.max_residual, refined.x)
     status = MinimumNormStatus.SOLVED if exact else MinimumNormStatus.NO_DESCENT
-    return double, Phase(bound, int(status), refined.iterations + 1), refined.x
+    return double, SolverCall(bound, int(status), refined.iterations + 1), refined.x
 
 
 def _is_exact(max_residual: float, x: quads.Quads) -> bool:

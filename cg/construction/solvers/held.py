@@ -50,14 +50,14 @@ def read_hold(hold: Any) -> Hold:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldValues:
     """The eliminated equations: ``rows[:, :-1] @ x = rows[:, -1]``, the identity at `pivots`."""
 
     pivots: NDArray[np.intp]
     rows: NDArray[Any]  # Fractions, shape (pivots, size + 1)
 
     @classmethod
-    def of(cls, hold: Hold, layout: Layout, zeros: Sequence[int] = ()) -> Held:
+    def of(cls, hold: Hold, layout: Layout, zeros: Sequence[int] = ()) -> HeldValues:
         """Eliminate the equations of a layout, whose unknowns `zeros` are zero."""
         places = {name: [k] for k, name in enumerate(layout.names)}
         places |= {f"c_{r + 1}": layout.row(r) for r in range(layout.stages)}
@@ -78,7 +78,7 @@ class Held:
             raise ValueError(text) from None
 
     @classmethod
-    def solving(cls, sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Held:
+    def solving(cls, sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> HeldValues:
         """Solve sums of unknowns for the last unknown of each; ArithmeticError if none solve them.
 
         The rows are the reduced echelon form with columns in reverse order.
@@ -155,7 +155,7 @@ def register_chain(stages: int, order: int, pair: bool) -> Layout:
 
 @dataclass(frozen=True, eq=False)
 class RegisterWeights:
-    """What the free weights of a chain determine, in the place of `Held`.
+    """What the free weights of a chain determine, in the place of `HeldValues`.
 
     Point m of the chain is reached along ``h B_m Z_m`` with ``Z_m = A_m Z_(m-1) + F_m``, so that
     its weights w are those before it times one number, but the last one:

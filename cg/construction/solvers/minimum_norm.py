@@ -56,7 +56,7 @@ _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """Packed weights x, the sum f of squared residuals, and the evaluations of residuals."""
+    """PackedMethod weights x, the sum f of squared residuals, and the evaluations of residuals."""
 
     x: NDArray[np.float64]
     f: float

@@ -33,8 +33,8 @@ _MAX_CORRECTIONS = 20  # of exact residuals, each of some ten digits
 
 
 @dataclass(frozen=True)
-class Refined:
-    """Packed weights (n, 16), their largest residual, and the number of corrections."""
+class Refinement:
+    """PackedMethod weights (n, 16), their largest residual, and the number of corrections."""
 
     x: quads.Quads
     max_residual: float
@@ -46,7 +46,7 @@ def refine(
     system: ConditionSystem,
     *,
     movable: Sequence[int] | NDArray[np.intp] | None = None,
-) -> Refined:
+) -> Refinement:
     """Correct packed weights in binary128, shape (n, 16), until residuals stop getting smaller.
 
     Only the entries `movable` change. The simplifying assumptions of the system hold afterwards.
@@ -73,7 +73,7 @@ def refine(
         step[moving] = inverse @ residual
         steps = map(Fraction, step.tolist())
         x = quads.encode(entry - move for entry, move in zip(quads.decode(x), steps, strict=True))
-    return Refined(best, best_size, iterations)
+    return Refinement(best, best_size, iterations)
 
 
 class RationalZero(NamedTuple):

@@ -22,7 +22,7 @@ from cg.construction.conditions import condition_trees, core_calls, count
 from cg.construction.conditions.counts import check_order
 from cg.construction.layouts import Layout, Rows
 from cg.construction.points import check_tree
-from cg.construction.solvers.held import Held, Hold, RegisterWeights
+from cg.construction.solvers.held import HeldValues, Hold, RegisterWeights
 from cg.construction.trees import OrderedTree, forest
 from cg.support import quads
 from cg.support.checks import check_instance
@@ -141,11 +141,11 @@ class ConditionSystem:
         return fixed
 
     @cached_property
-    def held(self) -> Held | RegisterWeights | None:
+    def held(self) -> HeldValues | RegisterWeights | None:
         """What is held beside zeros; None without `hold` and `registers`."""
         if self.registers:
             return RegisterWeights(self.layout)
-        return Held.of(self.hold, self.layout, self.zeros) if self.hold else None
+        return HeldValues.of(self.hold, self.layout, self.zeros) if self.hold else None
 
     @cached_property
     def movable(self) -> NDArray[np.intp]:
@@ -159,7 +159,9 @@ class ConditionSystem:
 
     def texts(self, x: Sequence[Fraction]) -> list[str]:
         """Return entries as decimals, those that are held themselves as rationals."""
-        return self.held.texts(x) if isinstance(self.held, Held) else list(map(quads.to_decimal, x))
+        if isinstance(self.held, HeldValues):
+            return self.held.texts(x)
+        return list(map(quads.to_decimal, x))
 
     @property
     def equations(self) -> int:

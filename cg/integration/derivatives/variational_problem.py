@@ -268,7 +268,7 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
     if tolerance_of(variational) >= _MIN_ONE_SIDED * far:
         for record in rhs.records:
-            record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
+            record.one_sided, record.step = True, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
     tolerance, extra = tolerance_of(variational), rhs.extra
     return AdjointEquation(along, shape, tolerance, extra.parameter_count, extra.inputs)

@@ -14,8 +14,7 @@ import jax.numpy as jnp
 from numpy.polynomial import Chebyshev, Polynomial
 
 from cg.frames.algebra import bernoulli_terms
-
-JaxArray = Any  # jax.Array or a tracer; its operators are untyped
+from cg.jax.rules import JaxArray
 
 _STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
 _STUMPFF_TERMS = 10  # the next term of the series is below rounding
