@@ -29,15 +29,15 @@ def changed(method, k, value):
     return method.with_coefficients(coefficients)
 
 
-# the other methods of orders five and six are like these
+# the other methods of orders four to six are like these
 LIKE_OTHERS = {"CG5(4)", "CG5a", "CF5a", "CF5r", "DP5(4)", "RKMK5(4)", "RadauIIA5", "DICG6"}
 
 
 def one_of_each_kind():
     kinds = (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas)
     exact = [m for m in cg.methods.values() if isinstance(m, kinds) and not m.approximate]
-    quick = [m for m in exact if m.order < 5 or m.name in LIKE_OTHERS]
-    others = [m for m in exact if m.order == 5 or m.name in ("CG6b", "CF6a")]
+    quick = [m for m in exact if m.order < 4 or m.name in LIKE_OTHERS]
+    others = [m for m in exact if m.order in (4, 5) or m.name in ("CG6b", "CF6a")]
     return [*quick, *slow(*(m for m in others if m not in quick))]
 
 

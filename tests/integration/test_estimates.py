@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frame_examples import HEISENBERG
+from slow_cases import slow
 
 import cg
 from benchmarks import estimates, page
@@ -17,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
 DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, 1e-3, 1e-8)})
 PAIRS = [method for method in cg.methods.values() if method.embedded_order is not None]
+LOW, HIGH = ([m for m in PAIRS if (m.order > 4) == high] for high in (False, True))
 SPIN = LinearAction([
     -0.5j * m
     for m in (np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]]), np.diag([1, -1]))
@@ -59,7 +61,7 @@ class TestRatios:
         assert break_ratio(pair, 0) == pytest.approx(1.0, rel=1e-2)
         assert estimate_ratio(cg.methods["CF4"]) is None
 
-    @pytest.mark.parametrize("method", PAIRS, ids=lambda method: method.name)
+    @pytest.mark.parametrize("method", [*LOW, *slow(*HIGH)], ids=repr)
     def test_pairs_see_the_end_of_a_step(self, method):
         """Also those without a node there, of which `end_weights` takes account."""
         if method.explicit and not isinstance(method, cg.MagnusMethod):
@@ -87,7 +89,7 @@ class TestFamilies:
 
     @pytest.mark.parametrize("name", DEFAULTS)
     def test_defaults(self, families, name):
-        self.check(families(40), name, (1e-3, 1e-7))
+        self.check(families(20), name, (1e-3, 1e-7))
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", DEFAULTS)

@@ -145,6 +145,8 @@ def collected(tests, differences):
         marks = getattr(vars(suite)[name], "pytestmark", [])
         function.pytestmark = [mark for mark in marks if mark.name == "parametrize"]
         pytest.mark.xfail(bool(reason), raises=error, reason=reason, strict=True)(function)
+        if "sparse_difference" in name:
+            pytest.mark.slow(function)
     return type("Collected", (), {name: staticmethod(test) for name, test in tests.items()})
 
 

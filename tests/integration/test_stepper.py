@@ -66,10 +66,10 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     assert_array_equal(stepper.y, without.y)
     stepper.advance(2.0)
     without.advance(2.0)
-    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-14)
+    assert_allclose(stepper.y, without.y, rtol=0, atol=1e-14)
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
-    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
+    assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
 
 
 def test_equal_steps_that_the_time_cannot_resolve_are_refused():

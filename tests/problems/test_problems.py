@@ -10,6 +10,7 @@ import pytest
 from ambient import solve_in_ambient_space
 from quotients import derivative
 from refusals import refuses
+from slow_cases import slow
 
 import cg
 from cg.problems import FreeRigidBody, HeavyTop, StateDependentRotation
@@ -36,7 +37,7 @@ def example(name):
 
 PROBLEMS = [
     FreeRigidBody(), HeavyTop(), HeavyTop("velocity"),
-    StateDependentRotation("body"), StateDependentRotation("space"),
+    StateDependentRotation("body"), *slow(StateDependentRotation("space")),
 ]  # fmt: skip
 
 

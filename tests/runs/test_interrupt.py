@@ -12,6 +12,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from refusals import refuses
+from slow_cases import slow
 
 from cg import _core_r64, _core_r128
 from cg.construction.conditions import table_rows
@@ -235,7 +236,7 @@ class TestInterrupt:
 
     @pytest.mark.parametrize(("function", "options"), [
         (search, {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}),
-        (construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}),
+        *slow((construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10})),
     ])  # fmt: skip
     def test_interrupted_run_is_resumed(self, function, options, store_path):
         name = function.__name__

@@ -116,18 +116,18 @@ cases = {
 door.jacobian(7, layout, x, trees, owner), door.residuals(7, layout, bits, trees, owner)
 np.linalg.svd(np.ones((50, 50)))  # work space of the linear algebra
 for case, bound in cases.items():
-    for k in range(25):
-        print(outcome(case, in_use() + bound * k // 8 + (k << 17)))
+    for k in range(13):
+        print(outcome(case, in_use() + bound * k // 4 + (k << 18)))
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 def test_calls_below_any_limit_are_done_or_refused():
     lines = _run(_PREPARED)
-    assert len(lines) == 6 * 25
+    assert len(lines) == 6 * 13
     assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
     for k in range(6):
-        outcomes = [line == "done" for line in lines[25 * k : 25 * (k + 1)]]
+        outcomes = [line == "done" for line in lines[13 * k : 13 * (k + 1)]]
         assert not outcomes[0]
         assert outcomes[-1]
         assert outcomes == sorted(outcomes)
