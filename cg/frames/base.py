@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from abc import abstractmethod
-from copy import copy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar
 
@@ -15,7 +14,6 @@ from numpy.typing import ArrayLike
 from cg.frames.algebra import FieldAlgebra
 from cg.frames.blocks import Blocks, move
 from cg.frames.manifold import (
-    FLOAT64,
     Manifold,
     local_coordinates,
     minimum_norm_coefficients,
@@ -341,32 +339,11 @@ class Frame(Manifold, FieldAlgebra):
         """Number of coefficients that right-hand sides return: ``dim``, of `PhaseSpace` fewer."""
         return self.dim
 
-    @property
-    def rhs_shape(self) -> tuple[int, ...]:
-        """Shape of what right-hand sides return: ``(rhs_dim,)``, or of a point for derivatives."""
-        return (self.rhs_dim,) if self._user_frame is None else self.point_shape
+    def complete_rhs(self, f: Array, y: Array) -> Array:
+        """Return all coefficients, shape ``(..., dim)``, of those that right-hand sides return."""
+        return f
 
-    @property
-    def rhs_dtype(self) -> np.dtype[Any]:
-        """Type of what right-hand sides return: float64, or that of points for derivatives."""
-        return FLOAT64 if self._user_frame is None else self.dtype
-
-    def complete_rhs(self, f: Points, y: Points) -> Array:
-        """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
-        return f if self._user_frame is None else self._coefficients(y, f)[0]
-
-    _user_frame: Frame | None = None  # that of the user, where right-hand sides give derivatives
-
-    def for_derivatives(self, with_brackets: bool = False) -> Frame:
-        """Return the frame for right-hand sides that return derivatives of points.
-
-        It is that of the fastest flows, or this frame itself where its brackets are needed.
-        """
-        frame = copy(self if with_brackets else self._moved_by_derivatives())
-        vars(frame)["_user_frame"] = self
-        return frame
-
-    def _moved_by_derivatives(self) -> Frame:
+    def for_derivatives(self) -> Frame:
         """Return the frame that moves the same points fastest along derivatives."""
         return self
 

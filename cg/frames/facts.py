@@ -60,8 +60,9 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
 
 @cached_by_value
 def for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
-    """Return `Frame.for_derivatives` without and with brackets."""
-    return frame.for_derivatives(), frame.for_derivatives(with_brackets=True)
+    """Return the frame and `Frame.for_derivatives`, the same objects for equal frames."""
+    fastest = frame.for_derivatives()
+    return frame, frame if fastest == frame else fastest
 
 
 def check_brackets(frame: Frame, method: object) -> None:

@@ -212,8 +212,8 @@ class Product(Composite):
         mixed = len({compared_by_entries((block,)) for block in blocks}) > 1
         return None if mixed else blocks
 
-    def _moved_by_derivatives(self) -> Frame:
-        factors = [factor._moved_by_derivatives() for factor in self.factors]
+    def for_derivatives(self) -> Frame:
+        factors = [factor.for_derivatives() for factor in self.factors]
         moved = Product(*factors) if type(self) is Product else self
         return self if moved.compiled_blocks() is None else moved
 
@@ -320,8 +320,8 @@ class Power(Composite):
         """Return arrays of numbers, and whatever else the factor takes for a stack of points."""
         return self.factor.read_points(value, name)
 
-    def _moved_by_derivatives(self) -> Frame:
-        return Power(self.factor._moved_by_derivatives(), self.n)
+    def for_derivatives(self) -> Frame:
+        return Power(self.factor.for_derivatives(), self.n)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         rows = (x.reshape(-1, *self.factor.point_shape) for x in (y, tangent))

@@ -94,7 +94,7 @@ class Stiefel(_Columns, HomogeneousSpace):
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         return self.group._algebra_projection(min_norm_generator(y, tangent))
 
-    def _moved_by_derivatives(self) -> Frame:
+    def for_derivatives(self) -> Frame:
         return LowRankStiefel(self.n, self.k)
 
 

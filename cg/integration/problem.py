@@ -152,7 +152,7 @@ class Problem:
         rhs = self.rhs.with_data(extra._replace(parameters=numbers, inputs=inputs, first=first))
         if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
-            rhs, events = rhs.on_frame(plan.frame), events and events.on_frame(plan.frame)
+            rhs, events = rhs.on_form(plan.form), events and events.on_frame(plan.frame)
         return changed(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events,
             first_member=first, inertia=inertia, stops=stops, limits=limits, member_inputs=(),
@@ -167,7 +167,7 @@ class Problem:
 
 
 def _make_rhs(
-    f: Any, frame: Frame, options: EnsembleOptions, parameters: Array | None, inputs: Inputs | None,
+    f: Any, plan: Plan, options: EnsembleOptions, parameters: Array | None, inputs: Inputs | None,
     ensemble: bool,
 ) -> Rhs:  # fmt: skip
     """Return the right-hand side after checking ``f`` and args."""
@@ -182,11 +182,11 @@ def _make_rhs(
             f = TimeFunction(f)
         if inputs is not None:
             f = WithInput(f)
-        return PythonRhs(f, frame, extra, options["vectorized"])
+        return PythonRhs(f, plan.form, extra, options["vectorized"])
     if options["vectorized"]:
         what = "time" if linear else "point"
         raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(frame, extra)
+    return compiled.on(plan.form, extra)
 
 
 def _make_control(
@@ -356,7 +356,7 @@ def _returns_derivatives(rhs: str, linear: bool, frame: Frame) -> bool:
 def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     check_frame(frame)
-    rtol, min_rtol = DEFAULT_RTOL, None
+    rtol, min_rtol, user_frame = DEFAULT_RTOL, None, None
     if options["h"] is None:
         if options["rtol"] is not None:
             rtol = arguments.check_rtol(options["rtol"])
@@ -365,10 +365,11 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
-        fastest, with_brackets = for_derivatives(frame)
-        frame = with_brackets if brackets or options["derivatives"] is not None else fastest
+        user_frame, fastest = for_derivatives(frame)
+        frame = user_frame if brackets or options["derivatives"] is not None else fastest
     linear, solver = options["linear"], options["stage_solver"]
-    return plan_of(frame, _checked_method(chosen, linear, frame, min_rtol, solver)), rtol
+    table = _checked_method(chosen, linear, frame, min_rtol, solver)
+    return plan_of(frame, table, user_frame), rtol
 
 
 def _check_choices(options: EnsembleOptions, ensemble: bool) -> None:
@@ -494,13 +495,13 @@ def _read_events(
     return events
 
 
-def _check_picklable(f: Any, rhs: Rhs, options: Any) -> None:
+def _check_picklable(f: Any, frame: Frame, rhs: Rhs, options: Any) -> None:
     """Raise ValueError if an argument can't be sent to the processes that are asked for."""
     executor = options["executor"]
     if executor != "processes" and not isinstance(executor, ProcessPoolExecutor):
         return
     sent = {name: options[name] for name in _FUNCTIONS}
-    for name, value in {"f": f, "frame": rhs.frame, "args": rhs.extra.args, **sent}.items():
+    for name, value in {"f": f, "frame": frame, "args": rhs.extra.args, **sent}.items():
         try:
             pickle.dumps(value)
         except Exception as error:
@@ -530,9 +531,9 @@ def make_problem(
         check_thermostat(options["thermostat"], plan.table, options, stop < start)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
-    rhs = _make_rhs(f, frame, options, numbers, inputs, ensemble)
+    rhs = _make_rhs(f, plan, options, numbers, inputs, ensemble)
     if ensemble:
-        _check_picklable(f, rhs, options)
+        _check_picklable(f, plan.user_frame, rhs, options)
     _check_rhs(plan, rhs, options["linear"], start, stop, points)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:

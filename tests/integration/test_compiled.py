@@ -17,6 +17,7 @@ from cg.frames import GL, SL, SO, SO3, SU, Euclidean, Power, Product, Sphere, U
 from cg.frames.facts import dexpinv_of
 from cg.integration import integrate
 from cg.integration.rhs.compiled import compiled_rhs
+from cg.integration.rhs.form import RhsForm
 from cg.integration.run.drive import StepBudget
 
 pytestmark = pytest.mark.sanitize
@@ -87,14 +88,15 @@ def test_workers_run_at_the_same_time(compiled_function):
 def test_ensembles_and_complex_points_from_python(compiled_function):
     growth = compiled_rhs(compiled_function("growth"))
     points = np.array([[2.0], [3.0]])
-    assert growth.values(Euclidean(1), 0, 0.0, points).tolist() == points.tolist()
+    assert growth.values(RhsForm(Euclidean(1)), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    actual = growth.on(SU(2)).at_member(0, 0.0, y)
+    actual = growth.on(RhsForm(SU(2))).at_member(0, 0.0, y)
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
+    stops = compiled_rhs(compiled_function("stops")).on(RhsForm(Euclidean(1)))
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
-        compiled_rhs(compiled_function("stops")).on(Euclidean(1)).at_member(0, 1.0, np.zeros(1))
+        stops.at_member(0, 1.0, np.zeros(1))
 
 
 @pytest.mark.parametrize(("method", "message"), [

@@ -1,5 +1,7 @@
 """Right-hand sides that return derivatives of points, rhs="derivative"."""
 
+import pickle
+
 import numpy as np
 import pytest
 from frame_examples import FRAMES
@@ -10,6 +12,8 @@ from scipy.linalg import expm
 import cg
 from cg.frames import Power, Product, Stiefel, check
 from cg.frames.stiefel import LowRankStiefel
+from cg.integration.plan.plan import plan_of
+from cg.tables import table_of
 
 SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
 FINE = {"rtol": 1e-10, "atol": 1e-10, "rhs": "derivative"}
@@ -226,6 +230,38 @@ def test_singular_points_have_no_coefficients(convention):
     v = frame.coefficients(y, frame.field(np.arange(1.0, 7.0), y))
     assert np.isnan(v[0]).all()
     np.testing.assert_allclose(v[1], np.arange(1.0, 7.0), rtol=1e-14)
+
+
+class InPython(cg.frames.SO3):
+    """Rotations that compiled code doesn't know."""
+
+
+@pytest.mark.parametrize("make", [cg.frames.SO3, InPython], ids=["compiled", "Python"])
+@pytest.mark.parametrize("derivatives", [None, "forward"])
+def test_equal_frames_serve_coefficients_and_derivatives_in_turn(make, derivatives):
+    """They share what is kept for a frame: plans, and products with derivatives."""
+    f = lambda t, y: np.array([np.cos(t), y[0, 1], 0.3])
+    f_of_derivative = lambda t, y: make().field(f(t, y), y)
+    options = {"rtol": 1e-10, "atol": 1e-10, "derivatives": derivatives}
+    kept = {}
+    for rhs in 2 * ["coefficients", "derivative"]:
+        given = f if rhs == "coefficients" else f_of_derivative
+        run = cg.solve_ivp(given, (0, 1), np.eye(3), frame=make(), rhs=rhs, **options)
+        assert run.frame == make()
+        np.testing.assert_array_equal(run.y, kept.setdefault(rhs, run).y)
+        np.testing.assert_allclose(run.y[-1], kept["coefficients"].y[-1], rtol=0, atol=1e-12)
+        if derivatives:
+            transition = kept["coefficients"].transition[-1]
+            np.testing.assert_allclose(run.transition[-1], transition, rtol=0, atol=1e-7)
+
+
+def test_plans_are_found_by_the_value_of_the_users_frame():
+    frames = LowRankStiefel(3, 2), table_of("CG3"), Stiefel(3, 2)
+    plan = plan_of(*frames)
+    assert pickle.loads(pickle.dumps(plan)) is plan
+    others = plan_of(*frames[:2]), plan_of(*frames[:2], frames[0])
+    assert [other.user_frame for other in (plan, *others)] == [frames[2], frames[0], frames[0]]
+    assert [other.form.derivatives for other in (plan, *others)] == [True, False, True]
 
 
 def test_plans_of_equal_frames_for_derivatives_are_those_of_the_users_frame():

@@ -321,18 +321,17 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     arguments = rhs.extra.arguments(np.zeros(len(times), dtype=np.intp) if df_dp.vectorized else 0)
     if df_dp.vectorized:
         return df_dp(times, point[None], arguments)
-    function, frame, shape = df_dp.function, df_dp.frame, df_dp.shape
-    parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
+    function, parameters, inputs = df_dp.function, rhs.extra.parameters, rhs.extra.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = call_context(function, arguments, frame, shape, df_dp.check)
+        context = call_context(function, arguments, df_dp.frame, df_dp.shape, df_dp.check)
         address, data = CALL_PYTHON, np.array(id(context))
-        return call_rhs(rhs, address, data.ctypes.data, frame, times, points, shape)
+        return call_rhs(rhs, address, data.ctypes.data, df_dp, times, points)
     numbers = parameters if inputs is None else inputs.data_with(parameters)
     assert numbers is not None
     own = function.user_address
     table = () if inputs is None or own else inputs.table(parameters)
-    values = function.values(frame, own or numbers.ctypes.data, times, points, shape, table)
+    values = function.values(df_dp, own or numbers.ctypes.data, times, points, table)
     return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 

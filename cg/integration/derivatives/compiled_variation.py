@@ -13,6 +13,7 @@ from cg.integration.derivatives.noise import Noise
 from cg.integration.derivatives.variational_equation import DIFFERENCE_STEP, VariationalEquation
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, address
 from cg.integration.rhs.python import CALL_PYTHON, CALL_VARIATIONAL, Derivative, call_context
 from cg.support.arrays import Array, Points, read_only
@@ -97,7 +98,7 @@ def compiled_variation(
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, CALL_VARIATIONAL, 0, frame=variational.product, extra=extra, data=rows,
+        None, CALL_VARIATIONAL, 0, form=RhsForm(variational.product), extra=extra, data=rows,
         variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 
@@ -117,7 +118,7 @@ def _add_contexts(
     for record, rest in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
             frame = variational.product if name == "along" else variational.frame
-            dtype = frame.rhs_dtype if check is variational.check else np.dtype(np.float64)
+            dtype = variational.form.dtype if check is variational.check else np.float64
             context = call_context(function, rest, frame, shape, check, dtype, changing)
             place = ctypes.c_void_p(id(context))
             contexts.append((context, place))
@@ -173,8 +174,8 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
 def _functions(variational: VariationalEquation) -> list[_Function]:
     """Return the functions that compiled code calls."""
     frame, jac = variational.frame, variational.jac
-    functions = [_Function("f", variational.f, frame.rhs_shape, variational.check)]
-    if frame._user_frame is not None and not facts_of(frame).compiled:
+    functions = [_Function("f", variational.f, variational.form.shape, variational.check)]
+    if variational.form.derivatives and not facts_of(frame).compiled:
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
             return variational.coefficients(t, y, arguments)

@@ -16,6 +16,7 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.derivatives.variational_equation import VariationalEquation, parameter_steps
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.support.arrays import Array, Points
 
@@ -82,7 +83,7 @@ class VariationalEvents:
 
     def on_frame(self, frame: Frame) -> VariationalEvents:
         """Return the events on another frame of the same points without derivatives."""
-        equation = replace(self.equation, frame=frame)
+        equation = replace(self.equation, form=RhsForm(frame))
         return VariationalEvents(self.table.on_frame(frame), equation, self.stops)
 
     def between(self, stops: Array) -> VariationalEvents:

@@ -14,6 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.facts import facts_of
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.python import Derivative, Rhs, RhsCheck, when
 from cg.support.arrays import Array, Points, check_finite, read_only
@@ -44,7 +45,7 @@ class VariationalEquation:
     :math:`A \xi` are the first two terms; without noise there is no C.
     """
 
-    frame: Frame
+    form: RhsForm  # that of ``f``
     f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
@@ -86,12 +87,14 @@ class VariationalEquation:
         return np.concatenate([none, derivatives], axis=-1)
 
     def __post_init__(self) -> None:
+        vars(self)["frame"] = frame = self.form.frame
         vars(self).update(
-            product=_product(self.frame, self.column_count),
-            structure=_NO_CONSTANTS if self.forces_alone else structure_constants_of(self.frame),
-            check=RhsCheck(self.f, self.frame, self.vectorized),
+            product=_product(frame, self.column_count),
+            structure=_NO_CONSTANTS if self.forces_alone else structure_constants_of(frame),
+            check=RhsCheck(self.f, self.form, self.vectorized),
         )
 
+    frame: Frame = field(init=False)
     product: Product = field(init=False)  # the frame of points with derivatives
     structure: StructureConstants = field(init=False, repr=False)
     check: RhsCheck = field(init=False, repr=False)
@@ -171,7 +174,7 @@ class VariationalEquation:
         return self._complete(self.check(self.f(t, read_only(y), *arguments), t), y, whole)
 
     def _complete(self, values: Array, y: Points, whole: bool) -> Array:
-        complete = self.frame.complete_rhs(values, y)
+        complete = self.form.complete(values, y)
         if self.forces_alone and not whole:
             frame: Any = self.frame
             complete[..., : frame.rhs_dim] = 0.0
@@ -227,7 +230,7 @@ class VariationalEquation:
         if isinstance(self.f, CompiledRhs):
             data = data_at(t, arguments, self.parameter_count > 0)
             address = self.f.user_address if data is None else data.ctypes.data
-            values = self.f.values(self.frame, address, t, points)
+            values = self.f.values(self.form, address, t, points)
             return self._complete(values, points, whole)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
@@ -283,10 +286,10 @@ def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
 
 def _product(frame: Frame, columns: int) -> Product:
     """Return the frame of points with columns of derivatives, which is kept."""
-    products, key = facts_of(frame).products, (columns, id(frame._user_frame))
-    if key not in products:
-        products[key] = Product(frame, Euclidean(frame.dim * columns))
-    product: Product = products[key]
+    products = facts_of(frame).products
+    if columns not in products:
+        products[columns] = Product(frame, Euclidean(frame.dim * columns))
+    product: Product = products[columns]
     return product
 
 

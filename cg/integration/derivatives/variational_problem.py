@@ -136,13 +136,13 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     plan, rhs, control, events = problem.plan, problem.rhs, problem.control, problem.events
     _check_problem(problem, options)
     equation = _make_equation(problem, options)
-    variational_rhs: Rhs
+    whole_plan = plan_of(equation.product, plan.table)
     if rhs.vectorized:
-        variational_rhs = PythonRhs(equation, equation.product, rhs.extra, True)
+        variational_rhs: Rhs = PythonRhs(equation, whole_plan.form, rhs.extra, True)
     else:
         # on frames in Python f gives coefficients, also where that of the user gives derivatives
-        user_plan = plan if plan.compiled else plan_of(plan.user_frame, plan.table)
-        variational_rhs = compiled_variation(equation, user_plan, rhs.extra)
+        plain_plan = plan if plan.compiled else plan_of(plan.frame, plan.table)
+        variational_rhs = compiled_variation(equation, plain_plan, rhs.extra)
     if control.h is None:
         rtol, atol = _tolerances(problem, equation, options["control_derivatives"])
         control = control._replace(rtol=rtol, atol=atol)
@@ -150,7 +150,7 @@ def _add_derivatives(problem: Problem, options: Options) -> Problem:
     covariance = check_covariance(options["P0"], plan.frame.dim, members)
     return changed(
         problem,
-        plan=plan_of(equation.product, plan.table),
+        plan=whole_plan,
         rhs=variational_rhs,
         points=equation.start(problem.points),
         control=control,
@@ -202,7 +202,7 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     if options["derivatives_by"] is not None:
         chosen = _directions(options, n, count, noise)
     return VariationalEquation(
-        frame, rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        problem.plan.form, rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
         parameter_count=count, vectorized=vectorized, input_count=width, noise=noise, chosen=chosen,

@@ -16,6 +16,7 @@ from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace, linkage_of
 from cg.frames.product import Product
+from cg.integration.rhs.form import RhsForm
 from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
@@ -28,15 +29,17 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 class Plan:
     """A frame and a method in compiled code.
 
-    A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
-    that of the plan; ``width`` is the number of doubles of a point, ``interpolant_vectors`` the
-    number of vectors of an interpolant. ``table`` is the table of the method; ``step_table`` that
+    A frame in Python is called through callbacks. Where ``user_frame`` is given, right-hand sides
+    return derivatives of its points, along which ``frame`` moves them. ``core`` is the compiled
+    module, and ``address`` that of the plan; ``width`` is the number of doubles of a point,
+    ``interpolant_vectors`` the number of vectors of an interpolant. ``step_table`` is the table
     whose steps compiled code takes: the same, or on a `LinearAction` one flow along a polynomial.
     """
 
-    def __init__(self, frame: Frame, table: MethodTable) -> None:
+    def __init__(self, frame: Frame, table: MethodTable, user_frame: Frame | None = None) -> None:
         self.core, self.frame, self.table = core, frame, table
-        self.user_frame = frame._user_frame or frame  # another one where f returns derivatives
+        self.user_frame = frame if user_frame is None else user_frame
+        self.form = RhsForm(frame, user_frame is not None)
         along = table.polynomial if isinstance(frame, LinearAction) else None
         self.step_table = table if along is None else along
         facts = facts_of(frame)
@@ -65,7 +68,7 @@ class Plan:
         if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
         address: int = self.core.plan_open(
-            blocks, constants, frame._user_frame is not None, ctypes.addressof(table.record)
+            blocks, constants, self.form.derivatives, ctypes.addressof(table.record)
         )
         return address
 
@@ -88,7 +91,7 @@ class Plan:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a table is sent by its name, so that each process has one instance with its cached data
-        return plan_of, (self.frame, self.table)
+        return plan_of, (self.frame, self.table, self.user_frame if self.form.derivatives else None)
 
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
@@ -134,13 +137,14 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
-def plan_of(frame: Frame, table: MethodTable) -> Plan:
+def plan_of(frame: Frame, table: MethodTable, user_frame: Frame | None = None) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
+    # facts stand for all equal frames
+    key = id(table), None if user_frame is None else facts_of(user_frame)
     plans = facts_of(frame).plans
-    key = id(table), id(frame._user_frame)  # which == leaves out
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # threads may add a few more
             plans.pop(next(iter(plans)), None)
-        plan = plans[key] = Plan(frame, table)  # which keeps the table alive
+        plan = plans[key] = Plan(frame, table, user_frame)  # which keeps the table alive
     return plan

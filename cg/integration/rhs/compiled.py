@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, ClassVar
@@ -12,7 +11,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from cg import _core_r64 as core
-from cg.frames.base import Frame
+from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
 from cg.support.arrays import Array, Points
@@ -37,7 +36,7 @@ class CompiledRhs:
     user_address: int  # address passed as its last argument, or 0
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
-    frame: Frame | None = None  # the frame of its points
+    form: RhsForm | None = None  # that of its results
     extra: ExtraArguments = NO_EXTRA  # without args
     source: Any = None  # the pointer made of ``function``, kept alive as well
     # the parameters of each member with room for the inputs, passed in place of ``user_data``
@@ -45,12 +44,12 @@ class CompiledRhs:
 
     vectorized: ClassVar[bool] = False
 
-    def on_frame(self, frame: Frame) -> CompiledRhs:
+    def on_form(self, form: RhsForm) -> CompiledRhs:
         """Return the function on another frame of the same points."""
-        return changed(self, frame=frame)
+        return changed(self, form=form)
 
-    def on(self, frame: Frame, extra: ExtraArguments = NO_EXTRA) -> CompiledRhs:
-        """Return the right-hand side on a frame, with parameters and inputs.
+    def on(self, form: RhsForm, extra: ExtraArguments = NO_EXTRA) -> CompiledRhs:
+        """Return the right-hand side of a form, with parameters and inputs.
 
         ValueError is raised if there are parameters or inputs and user's data, or if there are none
         and the function's last argument is a pointer to doubles.
@@ -70,7 +69,7 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return changed(self, frame=frame).with_data(extra)
+        return changed(self, form=form).with_data(extra)
 
     def with_data(self, extra: ExtraArguments) -> CompiledRhs:
         """Return the right-hand side with the parameters and inputs of other members."""
@@ -85,7 +84,7 @@ class CompiledRhs:
         return changed(self, extra=extra, data=data)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.function, self.name, self.frame, self.extra)
+        return _restored, (self.function, self.name, self.form, self.extra)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
@@ -105,59 +104,53 @@ class CompiledRhs:
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
-        assert self.frame is not None
-        return self.frame.complete_rhs(self.answer(member, t, y), y)
+        assert self.form is not None
+        return self.form.complete(self.answer(member, t, y), y)
 
     def answer(self, member: int, t: float, y: Points) -> Array:
         """Return the result of the function for a member."""
-        assert self.frame is not None
         _, data, distance = self.addresses()
         if (inputs := self.extra.inputs) is not None:
             row = self.data[member if distance else 0]
             row[-inputs.width :] = self.extra.arguments(member)[0].numbers(t)
-        value: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
+        value: Array = self.values(self.form, data + member * distance, t, y[None])[0]
         return value
 
     def at_times(self, times: Array, y: Points) -> Array:
         """Return the results for a single member at times and points."""
-        assert self.frame is not None
-        shape = (self.frame.dim,)
         inputs = self.extra.inputs
         table = () if inputs is None else inputs.table(self.extra.parameters)
-        return self.values(self.frame, self.data_address, times, y, shape, table)
+        return self.values(self.form, self.data_address, times, y, table)
 
-    def values(self, frame: Frame, data: int, *rest: Any) -> Array:
-        """Return the results at several points; ``rest`` is that of `call_rhs`."""
-        return call_rhs(self, self.address, data, frame, *rest)
+    def values(self, form: Any, data: int, *rest: Any) -> Array:
+        """Return the results at several points; ``form`` and ``rest`` are those of `call_rhs`."""
+        return call_rhs(self, self.address, data, form, *rest)
 
 
 def call_rhs(
-    rhs: Any, address: int, data: int, frame: Frame, t: float | Array, y: Points,
-    shape: tuple[int, ...] = (), table: Any = (),
-) -> Array:  # fmt: skip
-    """Return the results of a function in C at several points, shape ``(len(y), *shape)``.
+    rhs: Any, address: int, data: int, form: Any, t: float | Array, y: Points, table: Any = ()
+) -> Array:
+    """Return the results of a function in C at several points, shape ``(len(y), *form.shape)``.
 
-    ``rhs`` names it in messages. The points have one time, or one each, at which inputs with a
-    ``table`` are written. ``shape`` is by default that of ``f``; values that the function doesn't
-    write are NaN.
+    ``rhs`` names it in messages. ``form``, a `RhsForm` or a `Derivative`, has the frame of points,
+    and the shape and the type of a result. The points have one time, or one each, at which inputs
+    with a ``table`` are written. Values that the function doesn't write are NaN.
     """
-    dtype = np.dtype(np.float64) if shape else frame.rhs_dtype
-    shape = shape or frame.rhs_shape
-    points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
-    values = np.empty((len(y), math.prod(shape)), dtype).view(np.float64)
-    rows = points.reshape(len(y), -1).view(np.float64)
+    points = np.array(y, dtype=form.frame.dtype, order="C")  # the function may overwrite them
+    values: Array = np.empty((len(y), *form.shape), form.dtype)
+    rows, results = (x.reshape(len(y), -1).view(np.float64) for x in (points, values))
     place = table.ctypes.data if len(table) else 0
-    done, code = core.call_rhs(address, data, 0, place, len(table), t, rows.T, values.T)
+    done, code = core.call_rhs(address, data, 0, place, len(table), t, rows.T, results.T)
     if code:
         time, name = float(np.ravel(t)[done if np.ndim(t) else 0]), rhs.failed_name(0)
         raise RuntimeError(f"{name} returned the error code {code} at t = {time:.17g}")
-    return values.view(dtype).reshape(len(y), *shape)
+    return values
 
 
-def _restored(function: Any, name: str, frame: Frame | None, extra: ExtraArguments) -> CompiledRhs:
+def _restored(function: Any, name: str, form: RhsForm | None, extra: ExtraArguments) -> CompiledRhs:
     rhs = compiled_rhs(function, name)
     assert rhs is not None
-    return rhs if frame is None else rhs.on(frame, extra)
+    return rhs if form is None else rhs.on(form, extra)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

@@ -7,7 +7,7 @@ from array import array as numbers_in_memory
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +16,9 @@ from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
+from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, Inputs, WithInput
+from cg.integration.rhs.inputs import ExtraArguments, Inputs, WithInput
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
 from cg.support.records import filled
@@ -79,14 +80,14 @@ def read_finite(
 class RhsCheck:
     """The check of results of ``f``."""
 
-    def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
-        self.frame, self.vectorized = frame, vectorized
+    def __init__(self, f: Any, form: RhsForm, vectorized: bool = False) -> None:
+        self.form, self.vectorized = form, vectorized
         self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
     def hint(self, shape: tuple[int, ...]) -> str:
         """Return the advice on a value of another shape, an empty text without any."""
-        frame = self.frame
+        frame = self.form.frame
         if self.of_time:
             vee = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
             return vee if hasattr(frame, "vee") else ""
@@ -95,15 +96,13 @@ class RhsCheck:
         return "; rhs='derivative' takes derivatives of y" if derivative else ""
 
     def __call__(self, value: Any, t: Any, y: Points | None = None) -> Points:
-        """Return the result of ``f(t, y)`` as an array, shape ``rhs_shape`` or ``(n, *rhs_shape)``.
+        """Return the result of ``f(t, y)`` as an array of the form's shape, or ``n`` of them.
 
         ValueError is raised if it has another shape. Numbers that aren't finite pass: compiled code
         rejects the step in which they are.
         """
-        shape = self.frame.rhs_shape
-        shape = (len(t), *shape) if self.vectorized else shape
-        dtype = self.frame.rhs_dtype
-        return read_value(value, "f", shape, t, self.rows, self.hint, dtype=dtype)
+        shape = (len(t), *self.form.shape) if self.vectorized else self.form.shape
+        return read_value(value, "f", shape, t, self.rows, self.hint, dtype=self.form.dtype)
 
 
 Coefficients = Callable[..., ArrayLike]
@@ -190,16 +189,15 @@ class PythonRhs(Contexts):
         return "f"
 
     def __init__(
-        self, f: Coefficients, frame: Frame, extra: ExtraArguments = NO_EXTRA,
-        vectorized: bool = False,
-    ) -> None:  # fmt: skip
-        self.f, self.frame, self.extra, self.vectorized = f, frame, extra, vectorized
-        self.check = RhsCheck(f, frame, vectorized)
+        self, f: Coefficients, form: RhsForm, extra: ExtraArguments, vectorized: bool = False
+    ) -> None:
+        self.f, self.form, self.extra, self.vectorized = f, form, extra, vectorized
+        self.check = RhsCheck(f, form, vectorized)
         members = None if vectorized else extra.members
-        super().__init__(f, extra, members, frame, frame.rhs_shape, self.check, frame.rhs_dtype)
+        super().__init__(f, extra, members, form.frame, form.shape, self.check, form.dtype)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PythonRhs, (self.f, self.frame, self.extra, self.vectorized)
+        return PythonRhs, (self.f, self.form, self.extra, self.vectorized)
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
@@ -208,18 +206,18 @@ class PythonRhs(Contexts):
         changed._connect(first, extra, None if self.vectorized else extra.members)
         return changed
 
-    def on_frame(self, frame: Frame) -> PythonRhs:
+    def on_form(self, form: RhsForm) -> PythonRhs:
         """Return the function on another frame of the same points."""
-        return PythonRhs(self.f, frame, self.extra, self.vectorized)
+        return PythonRhs(self.f, form, self.extra, self.vectorized)
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
         names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.extra.inputs is not None)
         names += [f"args[{k}]" for k in range(len(self.extra.args))]
         names += ["parameters"] * (self.extra.parameters is not None)
-        where, shape = f"at t = {t:.17g}", str(self.frame.point_shape)
+        where, shape = f"at t = {t:.17g}", str(self.form.frame.point_shape)
         if self.vectorized:
-            shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
+            shape = f"{('k', *self.form.frame.point_shape)}, and t of shape (k,)".replace("'", "")
         elif self.extra.first is not None:
             where += f" in member {self.extra.first + member}"
         with_shape = f" with y of shape {shape}" * (not self.check.of_time)
@@ -227,7 +225,7 @@ class PythonRhs(Contexts):
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""
-        return self.frame.complete_rhs(self.answer(member, t, y), y)
+        return self.form.complete(self.answer(member, t, y), y)
 
     def answer(self, member: int, t: float, y: Points) -> Array:
         """Return the result of ``f`` for a member as a new array, after checking it."""
@@ -239,7 +237,7 @@ class PythonRhs(Contexts):
     def answers(self, t: Array, members: Any, y: Points) -> Array:
         """Return the results of ``f`` for several members, after checking them.
 
-        The shape is ``(n, *rhs_shape)``.
+        The shape is ``(n, *form.shape)``.
         """
         t.flags.writeable = y.flags.writeable = False
         try:
@@ -253,7 +251,7 @@ class PythonRhs(Contexts):
         """Return the coefficients of a single member at times and points, of a linear equation."""
         if self.vectorized:
             return self.answers(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
-        return call_rhs(self, *self.addresses()[:2], self.frame, times, y)
+        return call_rhs(self, *self.addresses()[:2], self.form, times, y)
 
 
 Rhs = CompiledRhs | PythonRhs
@@ -267,13 +265,14 @@ class Derivative:
     function: Any  # a `CompiledRhs` if it is compiled
     frame: Frame
     shape: tuple[int, ...]  # shape of its value at one point
+    dtype: ClassVar[Any] = np.float64  # type of its value
     vectorized: bool = False  # whether it takes several points in one call
 
     def __call__(self, t: Any, y: Points, arguments: tuple[Any, ...], data: int = 0) -> Array:
         """Return the derivatives; a compiled function without its own data receives ``data``."""
         if isinstance(self.function, CompiledRhs):
             data = self.function.user_address or data
-            return self.check(self.function.values(self.frame, data, t, y[None], self.shape)[0], t)
+            return self.check(self.function.values(self, data, t, y[None])[0], t)
         return self.check(self.function(t, read_only(y), *arguments), t)
 
     def check(self, value: Any, t: Any, _: Any = None) -> Array:

@@ -1,0 +1,20 @@
+"""What right-hand sides return: coefficients of fields, or derivatives of points."""
+
+from cg.frames.base import Frame
+from cg.frames.manifold import FLOAT64
+from cg.support.arrays import Array, Points
+
+
+class RhsForm:
+    """What right-hand sides return on a frame: at a point an array of ``shape`` and ``dtype``."""
+
+    def __init__(self, frame: Frame, derivatives: bool = False) -> None:
+        self.frame, self.derivatives = frame, derivatives
+        self.shape = frame.point_shape if derivatives else (frame.rhs_dim,)
+        self.dtype = frame.dtype if derivatives else FLOAT64
+
+    def complete(self, f: Points, y: Points) -> Array:
+        """Return all coefficients, shape ``(..., dim)``, of what is returned at points."""
+        if self.derivatives:
+            return self.frame._coefficients(y, f)[0]
+        return self.frame.complete_rhs(f, y)
