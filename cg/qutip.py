@@ -29,7 +29,7 @@ __all__ = ["LinearIntegrator"]
 _KINDS = {1: "hold", 2: "linear"}  # by number of coefficients of a piece, else splines
 
 _INTERVALS = 10.0  # between output times in a step, which has nine nodes
-_ENTRY_ERROR = 1e-14  # of generators, relative to the largest entry
+_ENTRY_ERROR = 1e-14  # error of generators, relative to the largest entry
 
 
 class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types

@@ -61,7 +61,7 @@ def times(rows: Array, matrix: Array) -> Array:
     return np.asarray(rows * matrix[:, 0] if matrix.shape[1] == 1 else rows @ matrix)
 
 
-def numbers_of(bodies: tuple[Body, ...]) -> Array:
+def constants_of_bodies(bodies: tuple[Body, ...]) -> Array:
     """Return the constants of bodies, as compiled code reads them."""
     constants: list[Any] = []
     for body in bodies:

@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
-from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import EnsembleOptions, complete_options, expand_options
@@ -17,8 +16,7 @@ from cg.integration.member_results import Collector, MemberResults
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
-from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.records import changed
@@ -30,7 +28,7 @@ _BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
 
 @expand_options()
 def solve_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:  # fmt: skip
     """Solve an initial value problem from many points, or with many sets of parameters.
@@ -124,7 +122,7 @@ def solve_ensemble(
 
 @expand_options(linear=True)
 def solve_linear_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:  # fmt: skip
     """Solve a linear equation from many points: `cg.solve_ensemble` with ``linear=True``.
@@ -161,7 +159,7 @@ def solve_linear_ensemble(
 
 @expand_options(derivatives="forward")
 def solve_variational_ensemble(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[EnsembleOptions],
 ) -> EnsembleSolution:  # fmt: skip
     """Solve from many points with derivatives: `cg.solve_ensemble` with ``derivatives="forward"``.

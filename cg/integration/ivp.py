@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any, Unpack
+from typing import Unpack
 
 from numpy.typing import ArrayLike
-from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import Options, complete_options, expand_options
@@ -15,15 +14,14 @@ from cg.integration.member_results import solution_of
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
 from cg.integration.output.solutions import Solution
 from cg.integration.problem import Problem, make_problem
-from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
 from cg.support.checks import check_count
 
 
 @expand_options()
 def solve_ivp(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
 ) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
@@ -250,7 +248,7 @@ def solve_ivp(
 
 @expand_options(linear=True)
 def solve_linear(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
 ) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t) E_i(y)`, :math:`y(t_0) = y_0`: `cg.solve_ivp`, linear.
@@ -287,7 +285,7 @@ def solve_linear(
 
 @expand_options(derivatives="forward")
 def solve_variational(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, **options: Unpack[Options],
 ) -> Solution:  # fmt: skip
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
@@ -348,7 +346,7 @@ def solve_variational(
 
 @expand_options()
 def integrate(
-    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t_span: Sequence[float],
+    f: Function, t_span: Sequence[float],
     y0: ArrayLike, *, frame: Frame, save_every: int = 1, **options: Unpack[Options],
 ) -> Solution:  # fmt: skip
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.

@@ -12,10 +12,10 @@ from secrets import randbits
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.frames.inertia import numbers_of, read_inertia
+from cg.frames.inertia import constants_of_bodies, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_event
@@ -34,8 +34,9 @@ _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be 
 
 
 def refuse_friction(
-    plan: Any, rhs: Rhs, times: Any, points: Points, nfev: Any = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK
-) -> None:
+    plan: Plan, rhs: Rhs, times: Sequence[float] | Array, points: Points,
+    nfev: ArrayLike = _MAX_SAMPLE * 2 * _CALLS_PER_CHECK,
+) -> None:  # fmt: skip
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
     Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
@@ -181,14 +182,14 @@ class MemberInertia(NamedTuple):
     """The bodies of all members, as compiled code reads them."""
 
     signed_columns: NDArray[np.intc]  # (members, bodies)
-    numbers: Array  # (members, numbers), padded
+    constants: Array  # (members, constants), padded
     entries: Sequence[Any]  # the inertia of each member, as the user gave it
     # whether each member is integrated alone on its own frame, as joints and derivatives need
     one_by_one: bool
 
     def part(self, members: slice) -> MemberInertia:
         """Return the bodies of some members."""
-        rows = self.signed_columns[members].copy(), self.numbers[members].copy()
+        rows = self.signed_columns[members].copy(), self.constants[members].copy()
         return MemberInertia(*rows, self.entries[members], self.one_by_one)
 
     def frame(self, member: int, frame: Frame) -> PhaseSpace:
@@ -224,7 +225,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
     for k, entry in enumerate(entries):
         _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
         columns.append([body.signed_columns for body in bodies])
-        rows.append(numbers_of(bodies))
+        rows.append(constants_of_bodies(bodies))
     numbers = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(numbers, rows, strict=True):
         padded[: len(row)] = row

@@ -24,9 +24,8 @@ def add_derivatives(problem: Problem, options: Options | None) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if options is None or options["derivatives"] is None:
         return problem
-    from cg.integration.derivatives.variational_problem import (
-        with_derivatives,  # an import that takes long
-    )
+    # an import that takes long
+    from cg.integration.derivatives.variational_problem import with_derivatives
 
     return with_derivatives(problem, options)
 

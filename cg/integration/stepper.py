@@ -15,7 +15,6 @@ from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -34,9 +33,8 @@ from cg.integration.mechanics import refuse_friction
 from cg.integration.member_results import split_events
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import Function
 from cg.integration.rhs.inputs import Inputs, check_abscissae
-from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
@@ -133,7 +131,7 @@ class Stepper:
 
     @expand_options()
     def __init__(
-        self, f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any], t0: float,
+        self, f: Function, t0: float,
         y0: ArrayLike, t_bound: float = math.inf, *, frame: Frame, common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:  # fmt: skip

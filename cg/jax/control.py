@@ -444,9 +444,7 @@ def _error_at_end(table: MethodTable, e1: Estimate, e2: Estimate, *e3: Estimate)
     return jnp.where(factor**2 * end > e1.measured, factor * at_end, e1.tangent)
 
 
-def _node_difference(
-    table: MethodTable, values: JaxArray, h: JaxArray, last_step: LastStep
-) -> JaxArray:
+def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, last: LastStep) -> JaxArray:
     """Return the largest error of interpolation between the nodes times h, zero in a first step.
 
     With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
@@ -455,14 +453,14 @@ def _node_difference(
     """
     c = table.c
     moves = h != 0.0
-    ratio = last_step.h / jnp.where(moves, h, 1.0)
+    ratio = last.h / jnp.where(moves, h, 1.0)
     earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
-    fields = last_step.values
+    fields = last.values
     if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
         earlier, fields = earlier[:-1], fields[:-1]
     times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
     fields = jnp.concatenate([fields, values])
-    used = moves & (last_step.h != 0.0)
+    used = moves & (last.h != 0.0)
     times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
     apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
     weights = 1.0 / apart.prod(axis=1)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
 from cg.integration.ivp import integrate
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.function import Function
 from cg.support.arrays import Array, check_positive, vectors_of_one_length
 from cg.tables import HasTable
 
@@ -34,7 +34,7 @@ def observed_order(h: ArrayLike, errors: ArrayLike, *, floor: float = 0.0) -> fl
 
 
 def final_errors(
-    f: Coefficients, t_span: tuple[float, float], y0: ArrayLike, exact: ArrayLike, *, frame: Frame,
+    f: Function, t_span: tuple[float, float], y0: ArrayLike, exact: ArrayLike, *, frame: Frame,
     method: str | HasTable, h: Sequence[float],
 ) -> Array:  # fmt: skip
     """Return the distances of integrations with constant steps `h` from the exact end."""

@@ -60,7 +60,7 @@ class StepKind(IntEnum):
     LINEAR = 5
     SPLITTING = 6
     REGISTERS = 7  # explicit stages by flows, of two registers
-    POLYNOMIAL = 8  # of a linear equation, whose flows are one along a polynomial
+    POLYNOMIAL = 8  # a linear equation, whose flows are one along a polynomial
 
 
 class EstimateForm(IntEnum):
@@ -114,7 +114,7 @@ class Operation(IntEnum):
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
     BRACKET = 2  # bracket of two fields
-    COEFFICIENTS = 16  # of a derivative of a point, and the length of the part that no field has
+    COEFFICIENTS = 16  # those of a derivative, and the length of the part that no field has
     CONSTRAINTS = 17  # values of the user's, and derivatives; see ``cg/frames/joints.py``
     RESIDUAL = 19  # the function that lmdif minimises
 
@@ -282,7 +282,7 @@ ERROR_ESTIMATE: dict[str, float | int] = {
     # parts of the variation that both estimates are if the phase changes by about a radian
     "resolved_first": 2e-3,
     "resolved_second": 0.1,
-    "roundings": 64.0,  # of differences between nodes
+    "roundings": 64.0,  # rounding errors of differences between nodes
     "max_angle": 20.0,  # radians in a step, up to which estimates were compared with errors
 }
 """Numbers of ``fortran/steps/error_estimate.f90``, which solvers in JAX use too."""

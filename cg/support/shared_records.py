@@ -36,7 +36,7 @@ RECORD = {
     "rtols": "address",  # one for each coordinate or entry
     "atol": "address",
     "in_coordinates": "flag",  # whether differences of points are in coordinates, not in entries
-    "reals_per_entry": "integer",  # of points, two if they are complex
+    "reals_per_entry": "integer",  # doubles of an entry of points, two if they are complex
     "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",
     "first_step": "real",  # zero to choose it
@@ -49,7 +49,7 @@ RECORD = {
     "seed": "integer",
     "first_member": "integer",  # the member of the ensemble that is the first one here
     # the inertia of each member, if it has its own
-    "body_numbers": "integer",  # constants of a member
+    "constants_per_member": "integer",  # constants of a member
     "bodies": "address",  # C integers, columns of the inertia of each body
     "body_constants": "address",
     "state_size": "integer",  # bytes of the saved state of a member, which opening the run sets
@@ -88,7 +88,7 @@ METHOD = {
     "flows": "integer",
     "terms": "integer",
     "stages": "integer",
-    # doubles, at first integers from 1
+    # arrays of doubles; the first five hold integers that count from 1
     "origin": "address",  # (paths) the path to the start of each, 0 for the start of the step
     "path_first": "address",  # (paths + 1) the first flow of each
     "flow_first": "address",  # (flows + 1) the first term of each
@@ -167,7 +167,7 @@ INPUT = {
     "pieces": "integer",
     "width": "integer",
     "place": "integer",  # numbers in the data of a member before the values
-    "starts": "address",  # of the pieces
+    "starts": "address",  # first times of the pieces
     "coefficients": "address",  # (powers, pieces, width)
     "stride": "integer",  # bytes from the coefficients of one member to those of the next
 }

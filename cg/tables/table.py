@@ -64,9 +64,9 @@ class InterpolantScheme:
     theta: Array  # further nodes, in the order of evaluation, shape (n,)
     rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
     basis: Array  # coefficients of the polynomials φ, shape (degree, k)
-    node: Array
-    blend: Array
-    flow_c: Array
+    node: Array  # (n, n - 1)
+    blend: Array  # (n + 2, n - 1)
+    flow_c: Array  # (stages)
     flow_weights: Array  # (flows, stages)
 
     @property

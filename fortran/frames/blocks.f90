@@ -53,7 +53,7 @@ module blocks_m
   type :: body_t
     real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
     real(wp), allocatable :: root(:, :)      ! R of the inertia, with J = R R', (n, n) or (n, 1)
-    ! of a force linear in the velocity, if there is one; whether its flow commutes with free motion
+    ! matrix of a force linear in the velocity, if any; whether its flow commutes with free motion
     real(wp), allocatable :: gyroscopic(:, :)
     logical :: commutes = .true.
     logical :: turns = .false.               ! whether it is a rigid body that turns about any axis
@@ -198,7 +198,7 @@ contains
     type(block_t), intent(in) :: blocks(:)
     type(body_t), intent(in) :: bodies(:)
     integer, intent(in) :: span(2)                     ! the first and the last block
-    real(wp), intent(in) :: momenta(:)                 ! of these bodies
+    real(wp), intent(in) :: momenta(:)                 ! those of these bodies
     real(wp), intent(out) :: omega(:)
     integer :: i
 

@@ -29,7 +29,7 @@ contains
     real(wp), target, intent(in) :: y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
     real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
-    real(wp), allocatable :: answer(:)       ! of Python: coefficients, length of what is dropped
+    real(wp), allocatable :: answer(:)       ! coefficients, length of what is dropped
     integer :: i
 
     if (frame%python_derivatives) then

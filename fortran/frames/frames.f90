@@ -28,7 +28,7 @@ module frames_m
     real(wp), allocatable :: constants(:)    ! numbers of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
-    ! of a mechanical system: number of momenta, and of forces; entries of a point before momenta
+    ! number of momenta and of forces of a mechanical system; entries of a point before momenta
     integer :: forces = 0, momenta_offset = 0
     integer :: tangents = 0                  ! rows of derivatives behind the momenta
     type(body_t), pointer :: bodies(:) => null()       ! a body for each block but the last

@@ -60,7 +60,7 @@ contains
     real(wp), intent(out) :: q(4)
     real(wp) :: length, before(3), n(3), after(3), angle
     real(wp) :: about(2)                     ! the larger one: of the smallest or largest moment
-    integer :: order(3)                      ! of the axes, which half turns make n3 positive in
+    integer :: order(3)                      ! the axes, which half turns make n3 positive in
     real(wp) :: signs(3)
     logical :: swapped
 

@@ -78,7 +78,8 @@ contains
     call set_observer(run, run%record%observer, run%output%observer)
     call set_output(run)
     call set_lanes(run, alloc_status)
-    if (alloc_status == 0 .and. run%record%body_numbers > 0) call set_bodies(run, alloc_status)
+    if (alloc_status == 0 .and. run%record%constants_per_member > 0) &
+      call set_bodies(run, alloc_status)
   end subroutine open_run
 
   ! Takes the problem that all trajectories solve from the plan and the record.
@@ -174,7 +175,7 @@ contains
     members = int(run%record%members)
     call c_f_pointer(transfer(run%record%bodies, c_null_ptr), columns, [bodies, members])
     call c_f_pointer(transfer(run%record%body_constants, c_null_ptr), numbers, &
-                     [int(run%record%body_numbers), members])
+                     [int(run%record%constants_per_member), members])
     allocate (run%bodies(bodies, members), stat=alloc_status)
     do i = 1, members
       if (alloc_status /= 0) return

@@ -162,11 +162,9 @@ contains
         self%vectors(:, 2) = x%end_slope
       end if
       if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
-        call add_constraint_forces(x%frame, self%y0, forces_alone=.true., &
-                                   f=self%vectors(:, 1), status=status)
+        call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
         if (status == finished) &
-          call add_constraint_forces(x%frame, self%y1, forces_alone=.true., &
-                                     f=self%vectors(:, 2), status=status)
+          call add_constraint_forces(x%frame, self%y1, .true., self%vectors(:, 2), status)
         if (status /= finished) then
           call fail(x, status, self%t0)
           return

@@ -22,7 +22,7 @@ module implicit_m
   private
   public :: request_implicit, receive_implicit
 
-  real(wp), parameter :: near_rounding = 1e-10_wp    ! corrections below it may be those of f
+  real(wp), parameter :: rounding = 1e-10_wp   ! corrections below it may be rounding errors of f
   real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
   real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
 
@@ -195,7 +195,7 @@ contains
         correction = max(correction, maxval(abs(d(:, i)) / scale))
       end do
       if (correction <= epsilon(1.0_wp) &
-          .or. (solver%correction <= correction .and. correction <= near_rounding)) then
+          .or. (solver%correction <= correction .and. correction <= rounding)) then
         call next_block(x)
         return
       end if
@@ -204,8 +204,7 @@ contains
         call reject_block(x, block)
         return
       end if
-      if (correction > max(slow * solver%correction, near_rounding)) &
-        solver%factored_h(block) = 0.0_wp
+      if (correction > max(slow * solver%correction, rounding)) solver%factored_h(block) = 0.0_wp
       solver%correction = correction
       solver%smallest = min(solver%smallest, solver%residual)
       solver%iteration = solver%iteration + 1

@@ -108,7 +108,7 @@ contains
         call c_f_pointer(transfer(data + 8 * input%place, c_null_ptr), values, [input%width])
         piece = last_before(starts, t)
         s = t - starts(piece)
-        do j = 1, int(input%width)           ! of whole arrays, pointers, the compiler makes copies
+        do j = 1, int(input%width)           ! whole arrays, pointers, would be copied
           values(j) = coefficients(j, piece, int(input%powers))
           do k = int(input%powers) - 1, 1, -1
             values(j) = coefficients(j, piece, k) + s * values(j)

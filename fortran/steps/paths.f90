@@ -45,7 +45,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: parts(2)                     ! of the kick and of the drift, before the middle
+    real(wp) :: parts(2)                     ! what is before the middle, of kick and drift
     integer :: middle                        ! the path that has the middle of the step
 
     middle = size(x%method%origin) - size(x%method%c) / 2
@@ -69,7 +69,7 @@ contains
   subroutine move_part(x, path, parts, y)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
-    real(wp), intent(in) :: parts(2)                   ! of the kick and of the drift
+    real(wp), intent(in) :: parts(2)                   ! shares of kick and drift
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer :: k
 

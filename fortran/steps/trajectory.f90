@@ -63,7 +63,7 @@ module trajectory_m
   type, extends(newton_state_t) :: collocation_t
     integer :: column = 0                    ! the column of the Jacobian that comes next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
-    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! of corrections of z
+    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! both of corrections of z
     real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
     real(wp), allocatable :: z(:, :)         ! (dimension, 3); before, displacements of differences
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
@@ -102,7 +102,7 @@ module trajectory_m
     real(wp) :: step_size = 0.0_wp           ! the next step's; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
-    integer :: suspicion = 0                 ! of a discontinuity of f, see controller_m
+    integer :: suspicion = 0                 ! how likely f has jumped, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether a stop or a limit shortens the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise

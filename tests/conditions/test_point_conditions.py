@@ -95,7 +95,7 @@ class TestResiduals:
                 conditions.residuals(tree, order, embedded=True),
                 conditions.residuals(second, order),
             )
-        refuses(ValueError, "has no second result", conditions.residuals, second, 1, embedded=True)
+        refuses(ValueError, "without second", conditions.residuals, second, 1, embedded=True)
 
 
 def moved(tree, weights):

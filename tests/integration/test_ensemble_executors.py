@@ -83,7 +83,7 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     again = [pickle.loads(pickle.dumps(part)).plan.table for part in known]
     assert again[0] is again[1] is stored_table(pair.name)
     assert again[2] is known[2].plan.table
-    assert again[3].source == renamed
+    assert again[3].method == renamed
 
 
 def test_pointers_do_not_travel(library_path):

@@ -134,23 +134,6 @@ def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
     assert solution.t_events[0] == pytest.approx([zero], abs=5e-15)
 
 
-@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("method", ["auto", "CF5(4)"])
-def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
-    f = lambda t, y: [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
-    options = {"frame": SO3(), "rtol": rtol, "atol": rtol, "method": method}
-    span, y0 = (0, 30), np.eye(3)
-    run = cg.solve_ivp(f, span, y0, dense_output=True, **options)
-    y = run.sol(np.linspace(*span, 30001)).reshape(-1, 9)
-    levels = np.quantile(y, 0.99, axis=0)
-    events = [lambda t, y, k=k, level=level: y.ravel()[k] - level for k, level in enumerate(levels)]
-    above = y > levels
-    crossings = (above[1:] != above[:-1]).sum(axis=0)
-    assert crossings.sum() >= 20
-    found = cg.solve_ivp(f, span, y0, events=events, **options)
-    assert [len(t) for t in found.t_events] == crossings.tolist()
-
-
 @pytest.mark.parametrize("depth", [1e-5, 1e-6])
 def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     run = solve(lambda t, y: y[1] - (1 - depth), (0.1, 100.0))

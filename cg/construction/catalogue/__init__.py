@@ -90,8 +90,7 @@ class Catalogue(Mapping[str, Method]):
         if name not in self._loaded:
             method = self.read_again(name)
             if (stored := self.summaries.get(name)) is not None:
-                method.set_orders(stored["order"], stored["embedded_order"])
-                vars(method)["stored"] = True
+                method.use_stored(stored["order"], stored["embedded_order"])
             self._loaded[name] = method
         return self._loaded[name]
 

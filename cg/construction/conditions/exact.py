@@ -369,7 +369,7 @@ def result_tree(method: Any, embedded: bool) -> PointTree:
     if not check_flag("embedded", embedded):
         return replace(tree, embedded_result=None)
     if tree.embedded_result is None:
-        raise ValueError(f"embedded: {method!r} has no second result")
+        raise ValueError(f"embedded must be False without second weights, got {method!r}")
     return replace(tree, result=tree.embedded_result, embedded_result=None)
 
 

@@ -32,9 +32,9 @@ from cg.support.shared_numbers import ConditionOwner
 _MAX_ORDER = 8  # sought; more takes long
 _MAX_CHANGE = Fraction(1, 50)  # change for the sake of a single condition that counts as a misprint
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
-_QUAD_ROUNDING = 1e-30  # of coefficients, to which residuals in real(16) are this sensitive
+_QUAD_ROUNDING = 1e-30  # errors of coefficients that residuals in real(16) show
 _MAX_STEPS = 12  # Gauss–Newton steps of one entry
-_MAX_DENOMINATOR = 10**6  # of a fraction that a corrected entry may be
+_MAX_DENOMINATOR = 10**6  # of the fractions that are tried
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from cg.construction.points import PointTree, tree_of_rows
 from cg.support.parsing import visible
 
 _WIDTH = 96
-_SECTION = re.compile(r"@if (\w+)@\n?(.*?)@end \1@\n?", re.DOTALL)  # of a template
+_SECTION = re.compile(r"@if (\w+)@\n?(.*?)@end \1@\n?", re.DOTALL)  # a part of a template
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ def to_python(program: Program) -> str:
     if program.second is not None:
         lines.append(f"SECOND = {program.second}")
     lines += [
-        "# of each stage: abscissa, number of moves before it, slot",
+        "# rows of the stages: abscissa, number of moves before it, slot",
         f"C = (\n{wrapped(program.c, '    ')},\n)",
         f"BEFORE = (\n{wrapped(integers['before'], '    ')},\n)",
         f"STAGE_SLOTS = (\n{wrapped(integers['slot'], '    ')},\n)",

@@ -41,7 +41,7 @@ _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
 # Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.
 _CHAINS = {1: 1, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5, 7: 8, 8: 12}
 _STAGE_CHAINS = {1: 1, 2: 1, 3: 1, 4: 2, 5: 2, 6: 3, 7: 4, 8: 6}
-_ITERATIONS = {7: 200, 8: 350}  # of a start, by order
+_ITERATIONS = {7: 200, 8: 350}  # limit for a start, by order
 _ITERATIONS_BELOW = 150  # in lower orders
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
@@ -315,6 +315,6 @@ def _check_chains(
     if chains is None:
         return [*(min(_STAGE_CHAINS[order], k) for k in rows.moved_stages), _CHAINS[order]]
     if flows is not None:
-        raise ValueError("flows and chains exclude each other")
+        raise ValueError(f"flows must be None with chains, which say their numbers, got {flows}")
     check_length(chains, len(rows.moved_stages) + 1, "chains")
     return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in chains]

@@ -31,7 +31,7 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """
     weights = tableau.embedded_weights if embedded else tableau.weights
     if weights is None:
-        raise ValueError(f"embedded: {tableau!r} has no second weights")
+        raise ValueError(f"embedded must be False without second weights, got {tableau!r}")
     return _order(tableau.entries, weights, Fraction(1))
 
 

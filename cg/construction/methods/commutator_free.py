@@ -388,7 +388,7 @@ class MuntheKaas(Method):
         embedded = check_flag("embedded", embedded)
         a, b = self.tableau.exact
         if embedded and self.exact_embedded is None:
-            raise ValueError(f"embedded: {self!r} has no second result")
+            raise ValueError(f"embedded must be False without second weights, got {self!r}")
         return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
 
 

@@ -33,7 +33,7 @@ Matrix = NDArray[np.float64]
 
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
-_SHARE = Fraction(1, 5)  # of the error of a jump just after the last node, in its estimate
+_SHARE = Fraction(1, 5)  # part of the error of a jump just after the last node, in its estimate
 _SIZE = 1 / 3  # of `kink_weights` to the third weights: errors of kinks are at most 34 estimates
 
 

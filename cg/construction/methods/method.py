@@ -421,8 +421,9 @@ class Method(ABC):
         """Order of the embedded method, computed like `exact_order`; None without."""
         return None if self.embedded is None else self.embedded.exact_order
 
-    def set_orders(self, order: int, embedded_order: int | None) -> None:
-        """Store orders that were computed before, unless `order` is only nominal."""
+    def use_stored(self, order: int, embedded_order: int | None) -> None:
+        """Take the stored table, and orders that were computed before unless they are nominal."""
+        vars(self)["stored"] = True
         if not self.approximate:
             vars(self).update(exact_order=order, embedded_order=embedded_order)
             if self.embedded is not None:

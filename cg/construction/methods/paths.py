@@ -81,7 +81,7 @@ class MethodPaths:
     third: int = 0  # the path to a third result, or 0
     estimate: EstimateForm = EstimateForm.WHOLE
     power: int = 1  # see `error_power`
-    factor: Fraction = Fraction(1, 10)  # of e2 in the quotient, as in DOP853
+    factor: Fraction = Fraction(1, 10)  # weight of e2 in the quotient, as in DOP853
     # whether the flows of the only path are the coefficients of a polynomial in 2θ - 1
     polynomial: bool = False
     brackets: Brackets = ()  # flows and errors have weights on them after those on stages

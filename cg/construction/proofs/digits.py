@@ -118,7 +118,7 @@ def digits(
     """
     method = resolve_method(method)
     if check_flag("embedded", embedded) and method.embedded is None:
-        raise ValueError(f"embedded: {method.name or 'the method'} has no second weights")
+        raise ValueError(f"embedded must be False without second weights, got {method!r}")
     if certificate is None:
         certificate = certificate_of(method)
     texts = refined_digits(method, certificate, digits)

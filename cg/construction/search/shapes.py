@@ -15,7 +15,7 @@ _FIXED_FIRST = (0.2, 0.8)  # range of the first weight, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
-_FREE_DRAWS = 10_000  # of a tree; after that, flows start from earlier points behind stages alone
+_FREE_DRAWS = 10_000  # draws of a tree; then flows start from earlier points behind stages alone
 
 
 def layout_of(tree: Any) -> Layout:

@@ -26,10 +26,10 @@ _RANK_TOLERANCE = 1e-10  # part of the largest singular value; smaller ones coun
 _MAX_ITERATIONS = 40  # in real(16); it takes a few
 
 _MAX_ZERO = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
-_RESIDUAL_GOAL = Fraction(1, 10**44)  # of the largest exact residual
+_RESIDUAL_GOAL = Fraction(1, 10**44)  # for the largest exact residual
 _GRID = 10**60  # corrections are multiples of 1 / _GRID, far below the goal
 _BITS = 400  # precision of exact residuals, beyond the digits of both
-_MAX_CORRECTIONS = 20  # of exact residuals, each of some ten digits
+_MAX_CORRECTIONS = 20  # by exact residuals, some ten digits each
 
 
 @dataclass(frozen=True)

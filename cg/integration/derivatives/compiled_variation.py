@@ -25,7 +25,7 @@ class _Record(ctypes.Structure):
     _fields_ = fields_of(VARIATION)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
@@ -34,25 +34,25 @@ class CompiledVariation(CompiledRhs):
     member, then its parameters and inputs.
     """
 
-    variational: Any = None  # the `VariationalEquation`
-    plan: Any = None  # plan of the frame without derivatives
-    records: Any = None  # one for each member, or one for all
-    kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
+    equation: VariationalEquation
+    plan: Plan  # plan of the frame without derivatives
+    records: Any  # an array of ctypes, one for each member, or one for all
+    kept: tuple[Any, ...]  # objects whose addresses are in the records
 
     def __repr__(self) -> str:
-        return f"CompiledVariation({self.variational!r})"
+        return f"CompiledVariation({self.equation!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan, self.extra)
+        return compiled_variation, (self.equation, self.plan, self.extra)
 
     def with_data(self, extra: ExtraArguments) -> CompiledVariation:
         """Return the right-hand side of other members."""
-        return compiled_variation(self.variational, self.plan, extra)
+        return compiled_variation(self.equation, self.plan, extra)
 
     @property
-    def written(self) -> bool:  # type: ignore[override]
+    def writes_results(self) -> bool:  # type: ignore[override]
         """Whether functions of the user write their results."""
-        return isinstance(self.variational.f, CompiledRhs)
+        return isinstance(self.equation.f, CompiledRhs)
 
     def failed_name(self, member: int) -> str | None:
         """Return the name of the function that failed last, None for products with derivatives."""
@@ -72,16 +72,16 @@ class CompiledVariation(CompiledRhs):
 
 
 def compiled_variation(
-    variational: VariationalEquation, plan: Plan, extra: ExtraArguments
+    equation: VariationalEquation, plan: Plan, extra: ExtraArguments
 ) -> CompiledVariation:
     """Return the right-hand side for functions of one point.
 
     The plan is that of the frame without derivatives.
     """
-    first, in_python, arrays = _shared_entries(variational, plan)
+    first, in_python, arrays = _shared_entries(equation, plan)
     inputs, members = extra.inputs, extra.members or 1
     first.inputs = 0 if inputs is None else inputs.width
-    plain_count = variational.parameter_count - variational.input_count
+    plain_count = equation.parameter_count - equation.input_count
     scales = np.zeros(plain_count + first.inputs)
     if inputs is not None:
         scales[plain_count:] = inputs.scales
@@ -94,31 +94,31 @@ def compiled_variation(
     if extra.parameters is not None:
         parameters[...] = extra.parameters
         shared = extra._replace(parameters=read_only(parameters))
-    contexts = _add_contexts(records, variational, in_python, shared, values)
+    contexts = _add_contexts(records, equation, in_python, shared, values)
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, CALL_VARIATIONAL, 0, form=RhsForm(variational.product), extra=extra, data=rows,
-        variational=variational, plan=plan, records=records, kept=(arrays, contexts, scales),
+        None, CALL_VARIATIONAL, 0, form=RhsForm(equation.product), extra=extra, data=rows,
+        equation=equation, plan=plan, records=records, kept=(arrays, contexts, scales),
     )  # fmt: skip
 
 
 def _add_contexts(
-    records: Any, variational: VariationalEquation, in_python: list[_Function],
+    records: Any, equation: VariationalEquation, in_python: list[_Function],
     extra: ExtraArguments, values: Array,
 ) -> list[Any]:  # fmt: skip
     """Put data of functions in Python into records, and return it."""
     arguments = [extra.arguments(member) for member in range(len(records))]
-    if extra.inputs is not None and variational.input_count and variational.df_dp is None:
+    if extra.inputs is not None and equation.input_count and equation.df_dp is None:
         # compiled code changes the values for differences
         arguments = [(DataReader(extra.inputs, values), *arguments[0][1:])]
     # differences change parameters in place
-    changing = variational.df_dp is None and variational.parameter_count > variational.input_count
+    changing = equation.df_dp is None and equation.parameter_count > equation.input_count
     contexts = []
     for record, rest in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            frame = variational.product if name == "along" else variational.frame
-            dtype = variational.form.dtype if check is variational.check else np.float64
+            frame = equation.product if name == "along" else equation.frame
+            dtype = equation.form.dtype if check is equation.check else np.float64
             context = call_context(function, rest, frame, shape, check, dtype, changing)
             place = ctypes.c_void_p(id(context))
             contexts.append((context, place))
@@ -143,25 +143,25 @@ class _SharedEntries(NamedTuple):
     arrays: tuple[Any, ...]  # those whose addresses are in the record
 
 
-def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntries:
+def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries:
     """Return the entries of records that don't depend on parameters and inputs."""
-    f, noise, structure = variational.f, variational.noise, variational.structure
+    f, noise, structure = equation.f, equation.noise, equation.structure
     index, constant = structure.addresses
     record = _Record(
-        frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.parameter_count, constants=len(structure.constants),
+        frame=plan.address, dimension=equation.frame.dim, width=plan.width,
+        parameters=equation.parameter_count, constants=len(structure.constants),
         index=index, constant=constant, step=DIFFERENCE_STEP,
         data=f.user_address if isinstance(f, CompiledRhs) else 0,
-        forces_alone=variational.forces_alone, noises=0 if noise is None else variational.frame.dim,
+        forces_alone=equation.forces_alone, noises=0 if noise is None else equation.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
     directions = None
-    if (chosen := variational.chosen) is not None:
+    if (chosen := equation.chosen) is not None:
         # a row for each direction; arrays can't be empty
-        directions = np.append(chosen[variational.frame.dim :].T.ravel(), 0.0)
+        directions = np.append(chosen[equation.frame.dim :].T.ravel(), 0.0)
         record.directions, record.by_parameters = chosen.shape[1], address(directions)
     in_python = []
-    for each in _functions(variational):
+    for each in _functions(equation):
         if isinstance(each.function, CompiledRhs):
             setattr(record, each.name, each.function.address)
             setattr(record, f"{each.name}_data", each.function.user_address)
@@ -171,27 +171,27 @@ def _shared_entries(variational: VariationalEquation, plan: Plan) -> _SharedEntr
     return _SharedEntries(record, in_python, (structure, directions))
 
 
-def _functions(variational: VariationalEquation) -> list[_Function]:
+def _functions(equation: VariationalEquation) -> list[_Function]:
     """Return the functions that compiled code calls."""
-    frame, jac = variational.frame, variational.jac
-    functions = [_Function("f", variational.f, variational.form.shape, variational.check)]
-    if variational.form.derivatives and not facts_of(frame).compiled:
+    frame, jac = equation.frame, equation.jac
+    functions = [_Function("f", equation.f, equation.form.shape, equation.check)]
+    if equation.form.derivatives and not facts_of(frame).compiled:
         # compiled code has the coefficients of derivatives on compiled frames only
         def coefficients(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.coefficients(t, y, arguments)
+            return equation.coefficients(t, y, arguments)
 
         functions = [_Function("f", coefficients, (frame.dim,), _unchecked)]
     if jac is None and not facts_of(frame).compiled:
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.differences(t, y, arguments)
+            return equation.differences(t, y, arguments)
 
         function = _Function("jac", difference, (frame.dim, frame.dim), _unchecked)
-        if variational.chosen is not None:
-            shape = frame.dim, variational.direction_count
-            function = _Function("along", variational.differences_along, shape, _unchecked)
+        if equation.chosen is not None:
+            shape = frame.dim, equation.direction_count
+            function = _Function("along", equation.differences_along, shape, _unchecked)
         functions.append(function)
-    for derivative in (jac, variational.df_dp, variational.noise):
+    for derivative in (jac, equation.df_dp, equation.noise):
         if isinstance(derivative, Derivative):
             f = derivative.function
             if isinstance(derivative, Noise) and not isinstance(f, CompiledRhs):

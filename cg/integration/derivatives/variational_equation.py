@@ -57,6 +57,18 @@ class VariationalEquation:
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
     # drifts are in fortran/frames/gyroscopic.f90
     forces_alone: bool = False
+    frame: Frame = field(init=False)
+    product: Product = field(init=False)  # the frame of points with derivatives
+    structure: StructureConstants = field(init=False, repr=False)
+    check: RhsCheck = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        vars(self)["frame"] = frame = self.form.frame
+        vars(self).update(
+            product=_product(frame, self.column_count),
+            structure=_NO_CONSTANTS if self.forces_alone else structure_constants_of(frame),
+            check=RhsCheck(self.f, self.form, self.vectorized),
+        )
 
     @property
     def direction_count(self) -> int:
@@ -86,19 +98,6 @@ class VariationalEquation:
         none = np.zeros((*derivatives.shape[:-1], self.frame.dim))
         return np.concatenate([none, derivatives], axis=-1)
 
-    def __post_init__(self) -> None:
-        vars(self)["frame"] = frame = self.form.frame
-        vars(self).update(
-            product=_product(frame, self.column_count),
-            structure=_NO_CONSTANTS if self.forces_alone else structure_constants_of(frame),
-            check=RhsCheck(self.f, self.form, self.vectorized),
-        )
-
-    frame: Frame = field(init=False)
-    product: Product = field(init=False)  # the frame of points with derivatives
-    structure: StructureConstants = field(init=False, repr=False)
-    check: RhsCheck = field(init=False, repr=False)
-
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEquation, tuple(getattr(self, x.name) for x in fields(self) if x.init)
 
@@ -114,7 +113,7 @@ class VariationalEquation:
 
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, columns)``."""
-        y, x = self.product._split(z)
+        y, x = self.product.split(z)
         return y, x.reshape(*x.shape[:-1], self.frame.dim, self.column_count)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:

@@ -13,7 +13,7 @@ from cg.frames.facts import facts_of
 from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
-from cg.integration.derivatives.compiled_variation import compiled_variation
+from cg.integration.derivatives.compiled_variation import CompiledVariation, compiled_variation
 from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.derivatives.saltation import VariationalEvents
 from cg.integration.derivatives.variational_equation import VariationalEquation, count_parameters
@@ -21,7 +21,7 @@ from cg.integration.mechanics import refuse_friction
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
-from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of
+from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, read_only, real_array
 from cg.support.records import changed
 from cg.tables import Kind
@@ -122,13 +122,13 @@ def with_derivatives(problem: Problem, options: Options) -> Problem:
     """Return the problem whose solution has the derivatives that options ask for."""
     if problem.linear:
         return with_linear_adjoint(problem, options["df_dp"])
-    variational = _add_derivatives(problem, options)
+    variational = _forward_problem(problem, options)
     if options["derivatives"] == "adjoint":
         return with_adjoint(problem, partial(_equation_along, variational))
     return variational
 
 
-def _add_derivatives(problem: Problem, options: Options) -> Problem:
+def _forward_problem(problem: Problem, options: Options) -> Problem:
     """Return the problem of points with derivatives, after checking the options.
 
     For the adjoint equation the values of inputs are parameters as well.
@@ -263,7 +263,8 @@ def _tolerances(
 
 def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     """Return the equation of a problem with derivatives, whose differences may become one-sided."""
-    rhs: Any = variational.rhs
+    rhs = variational.rhs
+    assert isinstance(rhs, CompiledVariation)
     # rounding of t makes f inexact where t is far larger than the span
     far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
     if tolerance_of(variational) >= _MIN_ONE_SIDED * far:
@@ -274,12 +275,12 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     return AdjointEquation(along, shape, tolerance, extra.parameter_count, extra.inputs)
 
 
-def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+def _along(rhs: CompiledVariation, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
     """Return A and B along a solution, from derivatives that are unit vectors."""
-    variational = rhs.variational
-    n = variational.frame.dim
-    values = rhs.at_times(times, variational.start(sol(times)))
+    equation, n = rhs.equation, rhs.equation.frame.dim
+    values = rhs.at_times(times, equation.start(sol(times)))
     if not np.isfinite(values).all():
-        raise ValueError("f and its derivatives must return finite numbers")
+        k = int(np.isfinite(values).all(axis=1).argmin())
+        raise ValueError(f"f and its derivatives must return finite numbers, at {when(times[k])}")
     slopes = values[:, n:].reshape(len(times), n, -1)
-    return slopes[..., :n], slopes[..., n:] if variational.parameter_count else None
+    return slopes[..., :n], slopes[..., n:] if equation.parameter_count else None

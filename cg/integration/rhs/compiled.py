@@ -100,7 +100,7 @@ class CompiledRhs:
         """Return the name of the function that failed last, of a member."""
         return self.name
 
-    written = True  # whether functions of the user write their results
+    writes_results = True  # whether functions of the user write their results
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg import _core_r64 as core
 from cg.frames.base import Frame
@@ -105,9 +104,6 @@ class RhsCheck:
         return read_value(value, "f", shape, t, self.rows, self.hint, dtype=self.form.dtype)
 
 
-Coefficients = Callable[..., ArrayLike]
-
-
 class CallContext(NamedTuple):
     """What ``fortran/interface/python_rhs.c`` reads to call a function, in its order."""
 
@@ -182,14 +178,14 @@ class PythonRhs(Contexts):
     times for one point.
     """
 
-    written = False
+    writes_results = False
 
     def failed_name(self, member: int) -> str:
         """Return the name of the function that failed, of a member."""
         return "f"
 
     def __init__(
-        self, f: Coefficients, form: RhsForm, extra: ExtraArguments, vectorized: bool = False
+        self, f: Callable[..., Any], form: RhsForm, extra: ExtraArguments, vectorized: bool = False
     ) -> None:
         self.f, self.form, self.extra, self.vectorized = f, form, extra, vectorized
         self.check = RhsCheck(f, form, vectorized)

@@ -34,7 +34,7 @@ _CONFIRMED = 1000  # steps after which the check is repeated, since one may be c
 _MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
 _SECONDS = 0.03  # between two checks for an interrupt
 _REPORT_SECONDS = 0.1
-_MAX_GROWTH = 8  # of the number of steps from a call to the next, since later ones may be slower
+_MAX_GROWTH = 8  # factor of the steps from a call to the next, since later ones may be slower
 _MAX_STEPS = 2**30  # fits into 32 bits
 
 

@@ -124,7 +124,7 @@ def _not_finite(run: Run, member: int) -> str:
     name = run.rhs.failed_name(member)
     if name is None:
         return "derivatives of the solution exceed the range of floating point"
-    return f"{name} must return finite numbers{' and write each of them' * run.rhs.written}"
+    return f"{name} must return finite numbers{' and write each of them' * run.rhs.writes_results}"
 
 
 def _got(run: Run, member: int, t: float) -> str:

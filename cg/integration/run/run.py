@@ -152,7 +152,7 @@ class Run:
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
         needed = lanes * 8 * (rows * (plan.width + 2 * plan.dim) + solver_numbers)
         if problem.inertia is not None:  # its copy, and a record of less than 1 KiB for each body
-            needed += problem.inertia.numbers.nbytes + (problem.inertia.signed_columns.size << 10)
+            needed += problem.inertia.constants.nbytes + (problem.inertia.signed_columns.size << 10)
         self._check_memory(needed)
         self.address = self._core.run_open(plan.address, ctypes.addressof(record))
         if not self.address:
@@ -194,13 +194,13 @@ class Run:
             self.share_limits(problem.limits)
         self._share_functions()
         if problem.inertia is not None:
-            self.record.body_numbers = problem.inertia.numbers.shape[1]
+            self.record.constants_per_member = problem.inertia.constants.shape[1]
             self._share("bodies", problem.inertia.signed_columns)
-            self._share("body_constants", problem.inertia.numbers)
+            self._share("body_constants", problem.inertia.constants)
         count = self.plan.dim if self.record.in_coordinates else self.plan.width
         tolerances = self._share("rtols", np.empty((2, count)))
         self.record.atol = self.record.rtols + tolerances.strides[0]
-        rtol, atol = control.rtol, control.atol  # of one shape
+        rtol, atol = control.rtol, control.atol  # both have one shape
         if rtol.ndim:
             rtol, atol = rtol.repeat(count // rtol.size), atol.repeat(count // atol.size)
         tolerances[0], tolerances[1] = rtol, atol
