@@ -33,14 +33,13 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.blocks import Blocks, dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
-from cg.support.shared_numbers import BlockKind, BlockOption
+from cg.support.shared_numbers import COMMUTE, BlockKind, BlockOption
 
 # Largest dimension for which brackets by structure constants are faster than products of matrices.
 MAX_CONSTANTS = 16
 _MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 _MIN_SIZE = 1e-150  # its square doesn't underflow
 RADIUS = 2.0 * math.pi  # where the series of dexpinv ceases to converge
-COMMUTE = 1024.0  # A bracket of less roundings of its factors counts as zero.
 POWERS = 20  # number of powers of ad_u; the latter half gives the rate of growth
 
 

@@ -7,9 +7,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from cg import _core_r64 as core
 from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
-from cg.support.shared_numbers import BlockKind, BlockOption, Operation
+from cg.support.shared_numbers import MAX_OWN_ROWS, BlockKind, BlockOption, Operation
 
 _WITHOUT_COORDINATES = BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION, BlockKind.STIEFEL
 
@@ -26,13 +27,10 @@ CLOSED_COORDINATES = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
 _BY_LAPACK = BlockKind.STIEFEL, BlockKind.ISOSPECTRAL
 _MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U
 
-MAX_MATRIX = 12
-"""Largest number of rows of matrices that compiled code multiplies without BLAS."""
-
 
 def needs_lapack(block: Block) -> bool:
     """Return whether compiled code calls BLAS and LAPACK for a block."""
-    return block[0] in _BY_LAPACK or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
+    return block[0] in _BY_LAPACK or (block[0] in _MATRICES and block[1] > MAX_OWN_ROWS)
 
 
 def convention_option(convention: str) -> int:
@@ -66,8 +64,6 @@ def apply_operation(
     what: Operation, blocks: Blocks, option: int, count: int, *vectors: Points
 ) -> None:
     """Apply an operation to pairs of vectors in compiled code, which writes into the third ones."""
-    import cg._core_r64 as core
-
     rows = (np.ascontiguousarray(x).reshape(count, -1).view(np.float64).T for x in vectors)
     core.frame_apply(what, describe_blocks(blocks), constants_of(blocks), option, *rows)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.blocks import describe_blocks
 from cg.frames.euclidean import Euclidean
@@ -205,9 +206,7 @@ class Linkage:
     """
 
     def __init__(self, frame: Any) -> None:
-        import cg._core_r64 as core
-
-        self._core, self._frame = core, frame
+        self._frame = frame
         bodies = bodies_of(frame.configuration)
         self.joints = frame.joints
         for k, joint in enumerate(self.joints):
@@ -251,7 +250,7 @@ class Linkage:
         """Call a compiled procedure with points and what belongs to each; return a status each."""
         status = np.zeros(len(rows[0]), dtype=np.intc)
         if len(status):  # no array may be empty
-            getattr(self._core, procedure)(self.address, *(array.T for array in rows), status)
+            getattr(core, procedure)(self.address, *(array.T for array in rows), status)
         if (status == Stop.OUT_OF_MEMORY).any():
             raise MemoryError("there is not enough memory for the constraints of joints")
         return status

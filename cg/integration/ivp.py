@@ -169,11 +169,12 @@ def solve_ivp(
         allow that. It takes no ``events``. With ``linear`` it is the only choice, and is meant for
         `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
     derivatives_by
-        With ``"forward"``, directions in place of all derivatives, each of which costs two
-        evaluations of ``f`` if neither ``jac`` nor ``df_dp`` is given, or as many as all if it is
-        ``vectorized``: ``"point"``, ``"parameters"``, or a matrix with a column for each direction
-        and rows for the coordinates of ``y0``, then the parameters. Derivatives are the columns of
-        ``solution.sensitivity``, by ``"point"`` of ``solution.transition``.
+        With ``"forward"``, directions in place of all derivatives: ``"point"``, ``"parameters"``,
+        or a matrix with a column for each direction and rows for the coordinates of ``y0``, then
+        the parameters. Derivatives are the columns of ``solution.sensitivity``, by ``"point"`` of
+        ``solution.transition``. Each costs two evaluations of ``f`` if neither ``jac`` nor
+        ``df_dp`` is given: one, by one-sided differences, on compiled frames where ``rtol`` is at
+        least 1e-7 (1e-6 with ``control_derivatives``); as many as all if ``f`` is ``vectorized``.
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
         with respect to the parameters, of the adjoint also the inputs after them. It has the

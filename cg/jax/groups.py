@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
-from cg.frames.algebra import COMMUTE, POWERS, RADIUS, series_terms
+from cg.frames.algebra import POWERS, RADIUS, series_terms
 from cg.frames.matrix_functions import newton_schulz, symplectic_correction
 from cg.jax.entire_functions import dexpinv_factor, motion_factors, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
@@ -50,6 +50,7 @@ from cg.jax.rules import (
     unit_step,
     zero,
 )
+from cg.support.shared_numbers import COMMUTE
 
 _SQUARED_RADIUS = RADIUS**2
 

@@ -5,13 +5,12 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
+  use shared_numbers, only: commuting_roundings
   use vectors_m, only: add_multiple
   implicit none
   private
   public :: algebra_coefficients, algebra_matrix, as_complex, block_t, body_t, combine_flows, &
             find_velocities, flow_sequence_t, velocities
-
-  integer, parameter, public :: max_own_rows = 12  ! rows of matrices multiplied without BLAS
 
   ! Of dexp^-1, see algebra_m: |B_2k| / (2 k)! for k = 1, 2, ..., with Bernoulli's numbers
   real(wp), parameter, public :: beta(11) = [1 / 12.0_wp, 1 / 720.0_wp, 1 / 30240.0_wp, &
@@ -24,7 +23,7 @@ module blocks_m
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
   real(wp), parameter, public :: series_below = 1.0_wp             ! the largest square of an angle
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
-  real(wp), parameter, public :: commute = 1024 * epsilon(1.0_wp)
+  real(wp), parameter, public :: commute = commuting_roundings * epsilon(1.0_wp)
   real(wp), parameter, public :: min_length = sqrt(tiny(1.0_wp))   ! whose square doesn't underflow
 
   ! The element of a Lie algebra with given coefficients, and the coefficients of the orthogonal

@@ -3,9 +3,10 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, polynomial, quaternion_block, scalar_first, &
-                            se3_block, so3_block, so_block, space_axes, sphere_block, &
-                            stiefel_block, su2_block, su_block, u_block
+                            linear_action_block, polynomial_option, quaternion_block, &
+                            scalar_first_option, se3_block, so3_block, so_block, &
+                            space_axes_option, sphere_block, stiefel_block, su2_block, su_block, &
+                            u_block
   use blocks_m, only: as_complex, block_t, body_t
   use callback_m, only: callback_t
   use joints_m, only: linkage_t
@@ -51,10 +52,10 @@ contains
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), options => description(3, i))
         block%kind = description(1, i)
-        block%space = iand(options, space_axes) /= 0 &
+        block%space = iand(options, space_axes_option) /= 0 &
                       .or. any(block%kind == [sphere_block, isospectral_block])
-        block%scalar_first = iand(options, scalar_first) /= 0
-        block%polynomial = iand(options, polynomial) /= 0
+        block%scalar_first = iand(options, scalar_first_option) /= 0
+        block%polynomial = iand(options, polynomial_option) /= 0
         block%v1 = frame%dimension + 1
         block%p1 = frame%point_size + 1
         block%dimension = 3

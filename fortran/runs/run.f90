@@ -78,8 +78,7 @@ contains
     call set_observer(run, run%record%observer, run%output%observer)
     call set_output(run)
     call set_lanes(run, alloc_status)
-    if (alloc_status == 0 .and. run%record%constants_per_member > 0) &
-      call set_bodies(run, alloc_status)
+    if (alloc_status == 0 .and. run%record%bodies /= 0) call set_bodies(run, alloc_status)
   end subroutine open_run
 
   ! Takes the problem that all trajectories solve from the plan and the record.

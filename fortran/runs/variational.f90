@@ -16,8 +16,8 @@ module variational_m
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, noise_failed, &
-                            products_failed, raised, raised_in_python, variation_t
+  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, max_length_ratio, &
+                            noise_failed, products_failed, raised, raised_in_python, variation_t
   use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
   implicit none
@@ -146,7 +146,7 @@ contains
       do j = 1, size(slope, 1)
         lengths = [maxval(abs(x(j, :)) / whole(:n)), maxval([0.0_wp, abs(p(:, j)) / whole(n + 1:)])]
         where (given) lengths = 0.0_wp
-        if (minval(lengths) * 1000 > maxval(lengths)) then
+        if (minval(lengths) * max_length_ratio > maxval(lengths)) then
           call add_difference(self, y, f, step / maxval(lengths), x(j, :), p(:, j), slope(j, :))
         else
           if (lengths(1) > 0) &

@@ -113,9 +113,12 @@ class TestDirections:
         np.testing.assert_allclose(first.sensitivity, second.sensitivity, rtol=0, atol=4e-12)
         assert first.transition is None
 
-    @pytest.mark.parametrize("frame", [SO3(), GL(2)], ids=repr)
-    @pytest.mark.parametrize(("by", "each"), [("parameters", 5), (1, 3)])
-    def test_cost_two_evaluations_of_f_each(self, by, each, frame):
+    @pytest.mark.parametrize(("frame", "by", "each", "control"), [
+        (SO3(), "parameters", 5, {"h": 0.1}), (GL(2), "parameters", 5, {"h": 0.1}),
+        (SO3(), 1, 3, {"h": 0.1}), (GL(2), 1, 3, {"h": 0.1}),
+        (SO3(), "parameters", 3, {"rtol": 1e-7, "atol": 1e-7}), (SO3(), 1, 2, {"rtol": 1e-7}),
+    ], ids=str)  # fmt: skip
+    def test_cost_one_or_two_evaluations_of_f_each(self, frame, by, each, control):
         by = np.eye(frame.dim + 2, by) if by == 1 else by
         calls = []
 
@@ -123,7 +126,7 @@ class TestDirections:
             calls.append((t, p, p.copy()))
             return p[0] * np.sin(y.ravel()[: frame.dim]) + p[1] * np.arange(frame.dim)
 
-        options = {"frame": frame, "parameters": [0.5, 1.0], "h": 0.1, "method": "CF4"}
+        options = {"frame": frame, "parameters": [0.5, 1.0], "method": "CF5(4)"} | control
         cg.solve_variational(counted, (0, 1), np.eye(frame.size), derivatives_by=by, **options)
         counts = np.unique([t for t, *_ in calls[2:]], return_counts=True)[1]
         assert (counts % each == 0).sum() > len(counts) / 2

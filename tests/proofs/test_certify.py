@@ -193,7 +193,7 @@ class TestDigits:
             cg.digits(methods["CG4b"], 50, certificate=pf.certificate_of(methods["CG4a"]))
         refuses(ValueError, "digits must", cg.digits, methods["CG4a"], 0)
         refuses(ValueError, "digits must", cg.digits, methods["CG4a"], 10**6)
-        refuses(ValueError, "no second weights", cg.digits, methods["CG4a"], 50, embedded=True)
+        refuses(ValueError, "without second weights", cg.digits, methods["CG4a"], 50, embedded=True)
 
 
 @pytest.mark.parametrize("digits", [1, 9, 17, 30])

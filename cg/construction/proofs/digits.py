@@ -11,13 +11,7 @@ from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.proofs.certificate import Certificate, CertificationError
 from cg.construction.proofs.packed import certificate_of, fitting
-from cg.construction.proofs.zero import (
-    bits_for,
-    check_left_out,
-    check_rational,
-    prove_zero,
-    zero_of,
-)
+from cg.construction.proofs.zero import bits_of, check_left_out, check_rational, prove_zero, zero_of
 from cg.support import flint
 from cg.support.checks import check_flag, check_instance, check_integer
 from cg.support.quads import MAX_WRITTEN, exact_midpoint, to_decimal, working_precision
@@ -55,7 +49,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
             check_left_out(packed, certificate, test, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, -certificate.radius.adjusted()) + guard
-        with working_precision(bits_for(places, certificate.bits)):
+        with working_precision(bits_of(places, certificate.bits)):
             zero = packed.spread(zero_of(packed, certificate, test, places))
             rounded = {k: rounded_text(zero[k], digits) for k in changed}
         if all(rounded.values()):

@@ -81,13 +81,13 @@ def max_residual(
 ) -> flint.arb:
     """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
-    with working_precision(bits_for(places, bits)):
+    with working_precision(bits_of(places, bits)):
         zero = zero_of(packed, box, test, places)
         values = packed.equations(box.left_out).residuals(zero)
         return max_abs(values)
 
 
-def bits_for(places: int, bits: int) -> int:
+def bits_of(places: int, bits: int) -> int:
     """Return the precision that decimal places need, with the bits of a certificate as a guard."""
     return math.ceil(math.log2(10) * places) + bits
 

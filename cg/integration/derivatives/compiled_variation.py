@@ -20,6 +20,8 @@ from cg.support.arrays import Array, Points, read_only
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
 
+_ONE_SIDED_STEP = float(np.finfo(np.float64).eps) ** (1 / 2)
+
 
 class _Record(ctypes.Structure):
     _fields_ = fields_of(VARIATION)
@@ -150,7 +152,8 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
     record = _Record(
         frame=plan.address, dimension=equation.frame.dim, width=plan.width,
         parameters=equation.parameter_count, constants=len(structure.constants),
-        index=index, constant=constant, step=DIFFERENCE_STEP,
+        index=index, constant=constant, one_sided=equation.one_sided,
+        step=_ONE_SIDED_STEP if equation.one_sided else DIFFERENCE_STEP,
         data=f.user_address if isinstance(f, CompiledRhs) else 0,
         forces_alone=equation.forces_alone, noises=0 if noise is None else equation.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,

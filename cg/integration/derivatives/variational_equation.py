@@ -19,13 +19,11 @@ from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.python import Derivative, Rhs, RhsCheck, when
 from cg.support.arrays import Array, Points, check_finite, read_only
 from cg.support.caches import cached_by_value
+from cg.support.shared_numbers import MAX_LENGTH_RATIO
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
-# beyond this ratio of their lengths, changes of point and parameters have differences of their own:
-# in one of both the shorter change would have few digits
-_MAX_RATIO = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +55,7 @@ class VariationalEquation:
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
     # drifts are in fortran/frames/gyroscopic.f90
     forces_alone: bool = False
+    one_sided: bool = False  # whether compiled code takes forward differences, from f at the point
     frame: Frame = field(init=False)
     product: Product = field(init=False)  # the frame of points with derivatives
     structure: StructureConstants = field(init=False, repr=False)
@@ -212,7 +211,7 @@ class VariationalEquation:
         for j, (v, shift) in enumerate(zip(x.T, shifts, strict=True)):
             lengths = np.abs(v / sizes).max(), np.abs(shift / scales).max(initial=0.0)
             changes = [(lengths[0], v, 0.0 * shift), (lengths[1], 0.0 * v, shift)]
-            if min(lengths) * _MAX_RATIO > max(lengths):
+            if min(lengths) * MAX_LENGTH_RATIO > max(lengths):
                 changes = [(max(lengths), v, shift)]
             for length, along, change in changes:
                 if length > 0.0:

@@ -114,7 +114,7 @@ class DerivativeSplitter:
 # Tolerances of derivatives in those of the solution, without ``control_derivatives``: steps are
 # hardly shorter, and are not too long for derivatives where the solution itself is simple
 _TOLERANCE_RATIO = 10.0
-# the least tolerance of the adjoint for which one-sided differences are exact enough
+# the least tolerance of derivatives for which one-sided differences are exact enough
 _MIN_ONE_SIDED = 9e-7
 
 
@@ -207,7 +207,17 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
         parameter_count=count, vectorized=vectorized, input_count=width, noise=noise, chosen=chosen,
         forces_alone=problem.plan.table.kind is Kind.SPLITTING,
+        one_sided=(chosen is not None or options["derivatives"] == "adjoint")
+        and _allows_one_sided(problem, options["control_derivatives"]),
     )  # fmt: skip
+
+
+def _allows_one_sided(problem: Problem, control_derivatives: bool) -> bool:
+    """Return whether one-sided differences are exact enough for the tolerances of derivatives."""
+    tolerance = problem.control.tolerance or 0.0
+    # rounding of t makes f inexact where t is far larger than the span
+    far = max(1.0, abs(problem.t0) / (abs(problem.t1 - problem.t0) or math.inf))
+    return tolerance * (1.0 if control_derivatives else _TOLERANCE_RATIO) >= _MIN_ONE_SIDED * far
 
 
 def _directions(options: Options, n: int, k: int, noise: Any) -> Array:
@@ -262,14 +272,9 @@ def _tolerances(
 
 
 def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
-    """Return the equation of a problem with derivatives, whose differences may become one-sided."""
+    """Return the adjoint equation of a problem with derivatives."""
     rhs = variational.rhs
     assert isinstance(rhs, CompiledVariation)
-    # rounding of t makes f inexact where t is far larger than the span
-    far = max(1.0, abs(variational.t0) / (abs(variational.t1 - variational.t0) or math.inf))
-    if tolerance_of(variational) >= _MIN_ONE_SIDED * far:
-        for record in rhs.records:
-            record.one_sided, record.step = True, math.sqrt(np.finfo(float).eps)
     shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
     tolerance, extra = tolerance_of(variational), rhs.extra
     return AdjointEquation(along, shape, tolerance, extra.parameter_count, extra.inputs)
