@@ -138,7 +138,9 @@ def solve_ivp(
         ``derivatives`` it serves for these, with any method, and by default they are central
         differences with steps of :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1,
         s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
-        evaluations of ``f``.
+        evaluations of ``f``. On compiled frames they are one-sided, with steps by
+        :math:`\epsilon^{1/2}` and half as many evaluations, where ``rtol`` is at least 1e-7, with
+        ``control_derivatives`` 1e-6, times :math:`|t_0|` over the span if that is more than one.
     step_function
         ``step_function(t, y, *args)`` returns a positive number s, a smooth function of the
         configuration alone, for symmetric splitting methods: steps are about ``h s``. They stay
@@ -165,21 +167,21 @@ def solve_ivp(
 
         ``"adjoint"`` computes none during the integration, but stores the steps, and
         ``solution.gradient`` goes backward from the derivatives of one number: for many parameters,
-        or values of ``inputs``, see `cg.Adjoint`. Differences are one-sided where the tolerances
-        allow that. It takes no ``events``. With ``linear`` it is the only choice, and is meant for
-        `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
+        or values of ``inputs``, see `cg.Adjoint`. It takes no ``events``. With ``linear`` it is the
+        only choice, and is meant for `cg.frames.LinearAction` of up to some 50 dimensions, since
+        matrices are dense.
     derivatives_by
         With ``"forward"``, directions in place of all derivatives: ``"point"``, ``"parameters"``,
         or a matrix with a column for each direction and rows for the coordinates of ``y0``, then
         the parameters. Derivatives are the columns of ``solution.sensitivity``, by ``"point"`` of
-        ``solution.transition``. Each costs two evaluations of ``f`` if neither ``jac`` nor
-        ``df_dp`` is given: one, by one-sided differences, on compiled frames where ``rtol`` is at
-        least 1e-7 (1e-6 with ``control_derivatives``); as many as all if ``f`` is ``vectorized``.
+        ``solution.transition``. Each costs one or two evaluations of ``f``, see ``jac``, if neither
+        ``jac`` nor ``df_dp`` is given, or as many as all if it is ``vectorized``.
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
         with respect to the parameters, of the adjoint also the inputs after them. It has the
-        arguments of ``f`` and may be compiled. By default central differences with steps of
-        :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
+        arguments of ``f`` and may be compiled. By default differences with steps of
+        :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero; or
+        one-sided ones, as for ``jac``.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
     noise

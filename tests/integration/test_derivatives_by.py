@@ -114,9 +114,8 @@ class TestDirections:
         assert first.transition is None
 
     @pytest.mark.parametrize(("frame", "by", "each", "control"), [
-        (SO3(), "parameters", 5, {"h": 0.1}), (GL(2), "parameters", 5, {"h": 0.1}),
-        (SO3(), 1, 3, {"h": 0.1}), (GL(2), 1, 3, {"h": 0.1}),
-        (SO3(), "parameters", 3, {"rtol": 1e-7, "atol": 1e-7}), (SO3(), 1, 2, {"rtol": 1e-7}),
+        *((f, *cost, {"h": 0.1}) for f in (SO3(), GL(2)) for cost in (("parameters", 5), (1, 3))),
+        (SO3(), "parameters", 3, {"rtol": 1e-7}), (SO3(), 1, 2, {"rtol": 1e-7}),
     ], ids=str)  # fmt: skip
     def test_cost_one_or_two_evaluations_of_f_each(self, frame, by, each, control):
         by = np.eye(frame.dim + 2, by) if by == 1 else by

@@ -207,8 +207,7 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
         parameter_count=count, vectorized=vectorized, input_count=width, noise=noise, chosen=chosen,
         forces_alone=problem.plan.table.kind is Kind.SPLITTING,
-        one_sided=(chosen is not None or options["derivatives"] == "adjoint")
-        and _allows_one_sided(problem, options["control_derivatives"]),
+        one_sided=_allows_one_sided(problem, options["control_derivatives"]),
     )  # fmt: skip
 
 
