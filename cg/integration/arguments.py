@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import pairwise
 from os import PathLike
@@ -21,7 +20,7 @@ from cg.integration.plan.plan import Plan
 from cg.integration.rhs.function import Function
 from cg.integration.rhs.samples import Samples
 from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import check_flag, check_number, short, similar_names
+from cg.support.checks import check_flag, check_number, short, similar_names, warn_user
 from cg.support.parallel import ExecutorLike
 from cg.support.shared_numbers import StageLimit
 from cg.tables import HasTable
@@ -99,9 +98,7 @@ def check_rtol(rtol: Any) -> Array:
     tolerances = check_tolerances("rtol", rtol)
     if tolerances.min() < _MIN_RTOL:
         which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
-        warnings.warn(
-            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=5
-        )
+        warn_user(f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}")
     return np.maximum(tolerances, _MIN_RTOL)
 
 
@@ -132,7 +129,7 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def read_starts_and_parameters(
+def read_initial_members(
     plan: Plan, y0: ArrayLike, parameters: Any, ensemble: bool
 ) -> tuple[Points, Array | None]:
     """Return initial points and their parameters as new arrays, after checking them.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
@@ -18,6 +17,7 @@ from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
 from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
+from cg.support.checks import warn_user
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
 from cg.support.records import changed
 
@@ -191,7 +191,7 @@ def solve_variational_ensemble(
 
 
 def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
-    """Integrate the members of an ensemble. Warnings name the caller of its caller."""
+    """Integrate the members of an ensemble."""
     executor, workers, out = options["executor"], options["workers"], options["out"]
     # Derivatives are added to the whole problem, or, where each member has a problem of its own, to
     # each part, by `part_options`: then the problem with derivatives of all only collects results.
@@ -228,9 +228,9 @@ def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolutio
     watch.finish()
     solution = collector.solution()
     for text in dict.fromkeys(collector.results().warnings):
-        warnings.warn(text, stacklevel=3)
+        warn_user(text)
     if not solution.success:
-        warnings.warn(solution.message, stacklevel=3)
+        warn_user(solution.message)
     return solution
 
 

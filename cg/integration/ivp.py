@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Unpack
 
@@ -16,7 +15,7 @@ from cg.integration.output.solutions import Solution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
-from cg.support.checks import check_count
+from cg.support.checks import check_count, warn_user
 
 
 @expand_options()
@@ -179,9 +178,8 @@ def solve_ivp(
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
         with respect to the parameters, of the adjoint also the inputs after them. It has the
-        arguments of ``f`` and may be compiled. By default differences with steps of
-        :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero; or
-        one-sided ones, as for ``jac``.
+        arguments of ``f`` and may be compiled. By default differences as for ``jac``, with steps by
+        :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
     noise
@@ -401,7 +399,7 @@ def integrate(
 
 
 def solve_one(problem: Problem, options: Options) -> Solution:
-    """Integrate one point. Warnings name the caller of its caller."""
+    """Integrate one point."""
     problem, progress = add_derivatives(problem, options), options["progress"]
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
     check_output_size(problem)
@@ -410,5 +408,5 @@ def solve_one(problem: Problem, options: Options) -> Solution:
         watch.finish()
     solution = solution_of(problem, results)
     for text in results.warnings:
-        warnings.warn(text, stacklevel=3)
+        warn_user(text)
     return solution

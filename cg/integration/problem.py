@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -46,7 +45,7 @@ from cg.integration.rhs.inputs import (
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short
+from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short, warn_user
 from cg.support.records import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
@@ -266,9 +265,9 @@ def _warn(table: MethodTable, pair: bool) -> None:
     """Warn if solutions don't converge, or the error estimate of a ``pair`` is unreliable."""
     name = table.name or "the method"
     if not table.converges:
-        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=6)
+        warn_user(f"{name} has order 0: its solutions don't converge")
     if pair and table.estimate_fault:
-        warnings.warn(f"{name}: {table.estimate_fault}", stacklevel=6)
+        warn_user(f"{name}: {table.estimate_fault}")
 
 
 def _check_rhs(
@@ -405,8 +404,7 @@ def _read_members(
     frame, inputs, inertia = plan.frame, options["inputs"], None
     if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
-    given = options["parameters"]
-    points, numbers = arguments.read_starts_and_parameters(plan, y0, given, ensemble)
+    points, numbers = arguments.read_initial_members(plan, y0, options["parameters"], ensemble)
     if frame.jointed and isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
@@ -438,7 +436,7 @@ def _read_jointed_members(
         points.append(arguments.read_starts(member_plan, y, False, name)[0])
         member_plan.frame.check_rank(points[-1], name)
     first = inertia.plan(0, plan)
-    _, numbers = arguments.read_starts_and_parameters(
+    _, numbers = arguments.read_initial_members(
         first, np.array([points[0]] * members), options["parameters"], True
     )
     return np.array(points), numbers, inertia

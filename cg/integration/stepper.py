@@ -9,7 +9,6 @@ problem, and writes the saved state of the first into it.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, Unpack
 
@@ -40,7 +39,7 @@ from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_real, short
+from cg.support.checks import NO_LIMIT, check_real, short, warn_user
 from cg.support.records import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -507,7 +506,7 @@ class Stepper:
         elif stopped:
             self.status = "event"
         for text in dropped_parts(run):
-            warnings.warn(text, stacklevel=4)
+            warn_user(text)
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:  # calls 1, 2, 4, 8, …, since it calls f twice
             points = run.plan.points(run.end, (1, run.members))

@@ -3,6 +3,8 @@
 import math
 import operator
 import os
+import sys
+import warnings
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from numbers import Real
@@ -16,6 +18,7 @@ MAX_COUNT = 2**31 - 1
 NO_LIMIT = 2**62
 """A limit that no number of steps or of events reaches; both are 64-bit integers in Fortran."""
 
+_INSIDE = {"cg", "crouch_grossman", "scipy", "qutip"}  # this package, and hosts that call it
 _HALF = 100  # characters of a long value in a message before and after its middle
 
 
@@ -37,6 +40,14 @@ def short(value: Any) -> str:
     """Return the representation of a value for a message, without its middle if it is long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 2 * _HALF else f"{text[:_HALF]} ... {text[-_HALF:]}"
+
+
+def warn_user(text: str) -> None:
+    """Warn at the line outside this package, and outside its hosts, that has led here."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] in _INSIDE:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, stacklevel=level)
 
 
 def check_flag(name: str, value: Any) -> bool:

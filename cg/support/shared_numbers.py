@@ -36,7 +36,7 @@ class Stop(IntEnum):
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
-    # requests of a trajectory, which have larger numbers than all reasons why it ends
+    # requests of a trajectory
     NEEDS_RHS = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points
     NEEDS_MAXIMUM = 22  # largest error, or negative step size, of trajectories with common steps

@@ -114,6 +114,9 @@ class TestRefine:
         fit = fit_conditions(start, ConditionSystem.tableau(4, 5), accurate=True)
         assert fit.status == MinimumNormStatus.SOLVED
         assert fit.evaluations == len(calls)
+        for ftol, x0, status in ((0.0, start, "NO_DESCENT"), (1e-9, np.nan * start, "NOT_FINITE")):
+            fit = fit_conditions(x0, ConditionSystem.tableau(4, 5), accurate=True, ftol=ftol)
+            assert fit.status == MinimumNormStatus[status]
 
 
 class TestPolish:

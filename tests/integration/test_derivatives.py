@@ -1,7 +1,5 @@
 """Right-hand sides that return derivatives of points, rhs="derivative"."""
 
-import pickle
-
 import numpy as np
 import pytest
 from frame_examples import FRAMES
@@ -12,8 +10,6 @@ from scipy.linalg import expm
 import cg
 from cg.frames import Power, Product, Stiefel, check
 from cg.frames.stiefel import LowRankStiefel
-from cg.integration.plan.plan import plan_of
-from cg.tables import table_of
 
 SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
 FINE = {"rtol": 1e-10, "atol": 1e-10, "rhs": "derivative"}
@@ -253,15 +249,6 @@ def test_equal_frames_serve_coefficients_and_derivatives_in_turn(make, derivativ
         if derivatives:
             transition = kept["coefficients"].transition[-1]
             np.testing.assert_allclose(run.transition[-1], transition, rtol=0, atol=1e-7)
-
-
-def test_plans_are_found_by_the_value_of_the_users_frame():
-    frames = LowRankStiefel(3, 2), table_of("CG3"), Stiefel(3, 2)
-    plan = plan_of(*frames)
-    assert pickle.loads(pickle.dumps(plan)) is plan
-    others = plan_of(*frames[:2]), plan_of(*frames[:2], frames[0])
-    assert [other.user_frame for other in (plan, *others)] == [frames[2], frames[0], frames[0]]
-    assert [other.form.derivatives for other in (plan, *others)] == [True, False, True]
 
 
 def test_plans_of_equal_frames_for_derivatives_are_those_of_the_users_frame():

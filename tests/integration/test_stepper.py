@@ -106,8 +106,7 @@ def test_a_refused_restart_changes_nothing():
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(np.exp(2.0), rel=5e-9)
     without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
-    with pytest.raises(ValueError, match="parameters must be None, as before"):
-        without.restart(parameters=[1.0])
+    refuses(ValueError, "parameters must be None, as before", without.restart, parameters=[1.0])
     refuses(ValueError, "y must be a point", without.restart, y=2 * np.eye(3))
 
 

@@ -111,10 +111,8 @@ def nodes_of(count: int) -> tuple[Array, Polynomial]:
 def scheme_of(method: Method, paths: MethodPaths) -> InterpolantScheme:
     """Return how points between steps of a method are computed."""
     extension, polynomial = extension_of(method), paths.polynomial
-    node, blend = _node_tables(
-        method.stages if polynomial else inner_nodes(method),
-        paths.abscissae if polynomial else None,
-    )
+    nodes = (method.stages, paths.abscissae) if polynomial else (inner_nodes(method), None)
+    node, blend = _node_tables(*nodes)
     flow_c, weights = _result_flows(method, paths)
     final, series = extension.final + 1, _series_order(method)
     return InterpolantScheme(final, series, *extension[1:], node, blend, flow_c, weights)

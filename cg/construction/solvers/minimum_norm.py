@@ -56,7 +56,7 @@ _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """PackedMethod weights x, the sum f of squared residuals, and the evaluations of residuals."""
+    """Packed weights x, the sum f of squared residuals, and the evaluations of residuals."""
 
     x: NDArray[np.float64]
     f: float
@@ -149,6 +149,8 @@ def descend(
         if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
             break
     status = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
+    if not f <= ftol and (damping > largest or not f < np.inf):
+        status = MinimumNormStatus.NO_DESCENT if f < np.inf else MinimumNormStatus.NOT_FINITE
     return MinimumNormFit(x, f, evaluations, status)
 
 

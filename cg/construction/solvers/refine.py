@@ -34,7 +34,7 @@ _MAX_CORRECTIONS = 20  # by exact residuals, some ten digits each
 
 @dataclass(frozen=True)
 class Refinement:
-    """PackedMethod weights (n, 16), their largest residual, and the number of corrections."""
+    """Packed weights (n, 16), their largest residual, and the number of corrections."""
 
     x: quads.Quads
     max_residual: float

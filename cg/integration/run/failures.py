@@ -15,8 +15,8 @@ from cg.support.checks import short
 from cg.support.shared_numbers import Stop
 from cg.tables import Kind
 
-_NOT_FAILED = int(Stop.PAUSED), int(Stop.FINISHED), int(Stop.TERMINAL_EVENT)
-_WAITING = int(Stop.NEEDS_RHS)  # the smallest number of those that wait for an answer
+_REQUESTS = {Stop.NEEDS_RHS, Stop.NEEDS_EVENTS, Stop.NEEDS_MAXIMUM}
+_NOT_FAILED = _REQUESTS | {Stop.PAUSED, Stop.FINISHED, Stop.TERMINAL_EVENT}
 _REJECTIONS = 1000  # rejected steps, if these are more than half of the accepted ones
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 _NO_FORCES = "there are no forces that keep joints closed"
@@ -29,7 +29,7 @@ def failures_of(run: Run, raising: bool) -> dict[int, str]:
     """
     messages = {}
     for member, stop in enumerate(run.status.tolist()):
-        if stop not in _NOT_FAILED and stop < _WAITING:
+        if stop not in _NOT_FAILED:
             failure = _explain_failure(run, member)
             if isinstance(failure, Exception) and (raising or isinstance(failure, MemoryError)):
                 raise failure
