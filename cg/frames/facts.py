@@ -59,7 +59,7 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
 
 
 @cached_by_value
-def for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
+def frames_for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
     """Return the frame and `Frame.for_derivatives`, the same objects for equal frames."""
     fastest = frame.for_derivatives()
     return frame, frame if fastest == frame else fastest

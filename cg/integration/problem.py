@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame, check_frame
-from cg.frames.facts import check_brackets, for_derivatives
+from cg.frames.facts import check_brackets, frames_for_derivatives
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration import arguments
@@ -275,7 +275,7 @@ def _check_rhs(
 ) -> None:
     """Raise ValueError if forces are friction, or f of a ``linear`` equation reads its point.
 
-    Points are those at the start, and serve at the end as well.
+    ``points`` are the initial ones; forces at the final time are compared there too.
     """
     if plan.table.kind is Kind.SPLITTING:
         for time in {start, stop}:  # a friction may vanish at the start
@@ -364,7 +364,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
         brackets = chosen is not None and (chosen.on_algebra or chosen.has_brackets)
-        user_frame, fastest = for_derivatives(frame)
+        user_frame, fastest = frames_for_derivatives(frame)
         frame = user_frame if brackets or options["derivatives"] is not None else fastest
     linear, solver = options["linear"], options["stage_solver"]
     table = _checked_method(chosen, linear, frame, min_rtol, solver)

@@ -166,7 +166,7 @@ class FailedFunction(IntEnum):
     NOISE = 4
 
 
-class Status(IntEnum):
+class LmdifStatus(IntEnum):
     """MINPACK's ``info`` (Moré, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74, 1980)."""
 
     STOPPED_BY_USER = -1
@@ -183,7 +183,7 @@ class Status(IntEnum):
     @property
     def converged(self) -> bool:
         """Whether one of the requested convergence tests was met."""
-        return Status.SMALL_REDUCTION <= self <= Status.SMALL_GRADIENT
+        return LmdifStatus.SMALL_REDUCTION <= self <= LmdifStatus.SMALL_GRADIENT
 
     @property
     def message(self) -> str:
@@ -192,23 +192,23 @@ class Status(IntEnum):
 
 
 _MESSAGES = {
-    Status.STOPPED_BY_USER: "The function stopped the solver.",
-    Status.IMPROPER_INPUT: "The solver refused its arguments.",
-    Status.SMALL_REDUCTION: (
+    LmdifStatus.STOPPED_BY_USER: "The function stopped the solver.",
+    LmdifStatus.IMPROPER_INPUT: "The solver refused its arguments.",
+    LmdifStatus.SMALL_REDUCTION: (
         "The actual and the predicted relative reduction of the sum of squares are at most ftol."
     ),
-    Status.SMALL_STEP: "The relative change between two iterates is at most xtol.",
-    Status.SMALL_REDUCTION_AND_STEP: (
+    LmdifStatus.SMALL_STEP: "The relative change between two iterates is at most xtol.",
+    LmdifStatus.SMALL_REDUCTION_AND_STEP: (
         "The relative reductions of the sum of squares are at most ftol, "
         "and the relative change between two iterates is at most xtol."
     ),
-    Status.SMALL_GRADIENT: (
+    LmdifStatus.SMALL_GRADIENT: (
         "The cosines between the residual and the columns of the Jacobian are at most gtol."
     ),
-    Status.TOO_MANY_EVALUATIONS: "The number of evaluations has reached maxfev.",
-    Status.FTOL_TOO_SMALL: "ftol is too small: the sum of squares can't be reduced further.",
-    Status.XTOL_TOO_SMALL: "xtol is too small: the iterate can't be improved further.",
-    Status.GTOL_TOO_SMALL: (
+    LmdifStatus.TOO_MANY_EVALUATIONS: "The number of evaluations has reached maxfev.",
+    LmdifStatus.FTOL_TOO_SMALL: "ftol is too small: the sum of squares can't be reduced further.",
+    LmdifStatus.XTOL_TOO_SMALL: "xtol is too small: the iterate can't be improved further.",
+    LmdifStatus.GTOL_TOO_SMALL: (
         "gtol is too small: the residual is orthogonal to the columns of the Jacobian "
         "to machine precision."
     ),
@@ -308,7 +308,7 @@ _SUFFIXES = {
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
     FailedFunction: "_failed",
-    Status: "",
+    LmdifStatus: "",
     MinimumNormStatus: "",
     ConditionOwner: "",
     StageEquation: "_abscissa",

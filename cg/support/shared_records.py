@@ -59,7 +59,7 @@ RECORD = {
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "flag",  # whether a function failed: by an exception, or an invalid number
     "step_size": "real",  # signed, of the first lane that no terminal event has ended
-    "residual": "real",  # that of stage equations in the last iteration of the first lane
+    "residual": "real",  # residual of the stage equations in the last iteration of the first lane
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",
     # one entry for each member

@@ -10,7 +10,7 @@ module api_run_m
   use kinds, only: wp
   use method_m, only: make_method, reals
   use output_m, only: evaluate_stored
-  use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, set_inputs, store_lane, wake
+  use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, read_functions, store_lane, wake
   use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
   implicit none
@@ -183,7 +183,7 @@ contains
     integer :: i
 
     run => run_at(address)
-    call set_inputs(run)
+    call read_functions(run)
     do i = 1, members
       if (stopped(i) == 0_int8) call set_start(t, y(:, i), first_step, run%lanes(i))
       if (stopped(i) /= 0_int8) run%lanes(i)%status = terminal_event

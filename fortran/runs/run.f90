@@ -30,7 +30,7 @@ module run_m
                           reserve_trajectory, set_start, trajectory_t
   implicit none
   private
-  public :: plan_t, run_t, drive, open_run, plan_at, run_at, set_inputs, store_lane, wake
+  public :: plan_t, run_t, drive, open_run, plan_at, run_at, read_functions, store_lane, wake
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -72,7 +72,7 @@ contains
   subroutine open_run(plan, run, alloc_status)
     type(plan_t), target, intent(in) :: plan
     type(run_t), target, intent(inout) :: run
-    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
 
     call set_problem(plan, run)
     call set_observer(run, run%record%observer, run%output%observer)
@@ -95,7 +95,7 @@ contains
       run%frame%dropped_at => run%record%dropped_at
       run%method => plan%method
       call c_f_procpointer(transfer(record%function, c_null_funptr), run%rhs%function)
-      call set_inputs(run)
+      call read_functions(run)
       if (record%event_functions > 0) call c_f_pointer(transfer(record%event_table, c_null_ptr), &
                                                        run%events%table, [record%event_functions])
       run%events%count = int(record%event_functions)
@@ -121,7 +121,7 @@ contains
   ! Makes the lanes, and the views of what is stored of each member.
   subroutine set_lanes(run, alloc_status)
     type(run_t), target, intent(inout) :: run
-    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer, parameter :: max_inner = 64, max_inner_numbers = 2**22
     integer :: i, lanes, members, points     ! points: that one flow along a polynomial computes
     integer(int8) :: none(0)
@@ -150,7 +150,7 @@ contains
   end subroutine set_lanes
 
   ! Sets the inputs of functions, the limits of steps due to them, and the function of step sizes.
-  subroutine set_inputs(run)
+  subroutine read_functions(run)
     type(run_t), intent(inout) :: run
 
     run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
@@ -160,12 +160,12 @@ contains
                                                 run%rhs%data%inputs, [run%record%curves])
     run%events%data = run%rhs%data
     call set_observer(run, run%record%step_function, run%step_function)
-  end subroutine set_inputs
+  end subroutine read_functions
 
   ! Makes the bodies of members with inertia of their own.
   subroutine set_bodies(run, alloc_status)
     type(run_t), intent(inout) :: run
-    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer(c_int), pointer, contiguous :: columns(:, :)
     real(wp), pointer, contiguous :: numbers(:, :)
     integer :: bodies, i, members

@@ -76,7 +76,7 @@ contains
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
     type(interpolant_t), intent(inout) :: self
-    integer, intent(out) :: alloc_status     ! nonzero if there isn't enough
+    integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
 
     self%frame => frame
     self%scheme => scheme

@@ -115,7 +115,7 @@ module trajectory_m
   type :: norms_t
     real(wp), allocatable :: scale(:)        ! (width) the tolerances
     real(wp), allocatable :: vector(:)       ! (width) what a norm is taken of
-    real(wp), allocatable :: change(:)       ! (width) of the point by the displacement
+    real(wp), allocatable :: change(:)       ! (width) change of the point by it
     real(wp), allocatable :: displacement(:) ! (dimension) an error as coefficients of a field
   end type norms_t
 

@@ -14,7 +14,7 @@ from cg.construction.layouts import Layout
 from cg.construction.methods.tableau import Tableau
 from cg.construction.search.random_search import SearchResult, search
 from cg.construction.search.start import RandomStart
-from cg.support.shared_numbers import Status
+from cg.support.shared_numbers import LmdifStatus
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Context, Data, Item, Progress, Table, Text, number, quartiles
@@ -107,7 +107,7 @@ def compute(plan: Plan, context: Context) -> Data:
         "f_double": f_double,
         "nfev_double": [start.double.nfev for start in starts],
         "info_double": [start.double.info for start in starts],
-        "at_limit": sum(start.double.info == Status.TOO_MANY_EVALUATIONS for start in starts),
+        "at_limit": sum(start.double.info == LmdifStatus.TOO_MANY_EVALUATIONS for start in starts),
         "f_quad": f_quad,
         "nfev_quad": [phase.nfev if phase else None for phase in refined],
         "exact": [start.exact for start in starts],

@@ -24,7 +24,7 @@ from cg.construction.search.shapes import draw_layout, start_generator
 from cg.construction.search.start import EXACT, run_start
 from cg.construction.solvers.held import read_hold, register_chain
 from cg.construction.solvers.system import ConditionSystem
-from cg.support.shared_numbers import MinimumNormStatus, Status
+from cg.support.shared_numbers import LmdifStatus, MinimumNormStatus
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
 
@@ -118,7 +118,7 @@ class TestThePapersWay:
             assert start.quad is not None
             assert start.quad.f < 1e-62
             assert start.quad.nfev > 16  # at least one Jacobian by differences
-            assert Status(start.double.info).converged or start.double.info >= 5
+            assert LmdifStatus(start.double.info).converged or start.double.info >= 5
         for start in lmdif_search.starts:
             if not start.exact:
                 assert start.quad is None or start.quad.f > 1e-40

@@ -25,7 +25,7 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import parallel, quads
 from cg.support.parallel import Stopped, completed, stoppable
-from cg.support.shared_numbers import MinimumNormStatus, Status
+from cg.support.shared_numbers import LmdifStatus, MinimumNormStatus
 
 FOREVER = 10**9  # iterations; no run of the tests waits for them
 ORDER, STAGES = 7, 36  # one iteration of the fast solver takes some 50 ms here
@@ -85,7 +85,7 @@ class TestFlag:
         thread.join(PATIENCE)
         assert not thread.is_alive()
         status = results[0][-1] if entry == "fast" else results[0][-2]
-        stopped = MinimumNormStatus.STOPPED if entry == "fast" else Status.STOPPED_BY_USER
+        stopped = MinimumNormStatus.STOPPED if entry == "fast" else LmdifStatus.STOPPED_BY_USER
         assert status == stopped
 
     @pytest.mark.parametrize("entry", ENTRIES)

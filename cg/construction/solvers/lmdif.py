@@ -24,7 +24,7 @@ from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.memory import check_memory
 from cg.support.parallel import StopFlag
 from cg.support.records import ReadOnly
-from cg.support.shared_numbers import Status
+from cg.support.shared_numbers import LmdifStatus
 
 Vector = NDArray[np.float64]
 Residual = Callable[[Vector], ArrayLike]
@@ -58,7 +58,7 @@ class LmdifResult(ReadOnly):
 
     x: Vector
     fvec: Vector
-    info: Status
+    info: LmdifStatus
     nfev: int
     fjac: Vector
     ipvt: NDArray[np.intp]
@@ -160,7 +160,7 @@ def lmdif(
     ipvt = ipvt.astype(np.intp) - 1
     for array in (x, fvec, fjac, ipvt, qtf):
         array.flags.writeable = False
-    return LmdifResult(x, fvec, Status(info), int(nfev), fjac, ipvt, qtf)
+    return LmdifResult(x, fvec, LmdifStatus(info), int(nfev), fjac, ipvt, qtf)
 
 
 def fit_lmdif(

@@ -133,7 +133,7 @@ class _Function(NamedTuple):
 
     name: str  # its entry in the record
     function: Any
-    shape: tuple[int, ...]  # that of its values
+    shape: tuple[int, ...]  # shape of a value
     check: Any  # check(value, t, y) returns the value as an array
 
 
@@ -142,7 +142,7 @@ class _SharedEntries(NamedTuple):
 
     record: _Record  # lacks the data of functions in Python, which differ between members
     in_python: list[_Function]
-    arrays: tuple[Any, ...]  # those whose addresses are in the record
+    arrays: tuple[Any, ...]  # arrays that the record points to
 
 
 def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries:

@@ -258,7 +258,7 @@ class Observer:
     shape: tuple[int, ...]  # shape of its value at one time
     keeps_points: bool  # whether the points are stored as well
 
-    name: ClassVar[str] = "observe"  # that of the argument
+    name: ClassVar[str] = "observe"  # name of the argument
     entry: ClassVar[str] = "observer"  # its name in the record of a run
 
     def check(self, value: Any, t: float, _: Points) -> Array:
