@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
-PACKAGE, CONSTRUCTION, INTEGRATION = (
+PACKAGE, CONSTRUCTION, INTEGRATION, FORTRAN = (
     {
         folder.strip(): level
         for level, layer in enumerate(block.replace("\n", " ").split("→"))
@@ -113,6 +113,15 @@ def test_what_integrates_names_construction_where_users_ask_for_it_only():
 def test_files_do_not_import_each_other_in_a_circle():
     assert len(IMPORTS["cg.integration.problem"]) > 10
     TopologicalSorter(IMPORTS).prepare()  # CycleError names the files of a circle
+
+
+def test_folders_of_fortran_use_earlier_ones_only():
+    texts = {path: path.read_text("utf-8") for path in ROOT.glob("fortran/*/*.f90*")}
+    home = {m: path for path, text in texts.items() for m in re.findall(r"(?m)^module (\w+)", text)}
+    for path, text in texts.items():
+        for other in map(home.get, re.findall(r"(?m)^ +use (\w+)", text)):
+            here, there = path.parent.name, other.parent.name if other else "support"
+            assert here == there or FORTRAN[there] < FORTRAN[here]
 
 
 def test_procedures_in_fortran_have_60_lines():
