@@ -137,9 +137,8 @@ def solve_ivp(
         ``derivatives`` it serves for these, with any method, and by default they are central
         differences with steps of :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1,
         s_j)` along field j, where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim
-        evaluations of ``f``. On compiled frames they are one-sided, with steps by
-        :math:`\epsilon^{1/2}` and half as many evaluations, where ``rtol`` is at least 1e-7, with
-        ``control_derivatives`` 1e-6, times :math:`|t_0|` over the span if that is more than one.
+        evaluations of ``f``. On compiled frames they are one-sided, half as many, where ``rtol`` is
+        at least 1e-7, with ``control_derivatives`` 1e-6, or this times :math:`|t_0|` over the span.
     step_function
         ``step_function(t, y, *args)`` returns a positive number s, a smooth function of the
         configuration alone, for symmetric splitting methods: steps are about ``h s``. They stay

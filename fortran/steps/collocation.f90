@@ -29,7 +29,7 @@ module collocation_m
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `near_rounding` that no longer decrease, both relative to the point.
   real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), near_rounding = epsilon(1.0_wp)**0.6_wp
-  integer, parameter :: max_in_equal_steps = 50           ! iterations with them
+  integer, parameter :: max_in_equal_steps = 50           ! iterations where steps are equal
   ! A Jacobian is used again if the corrections with it decreased by this factor.
   real(wp), parameter :: fast_rate = 1e-3_wp
 

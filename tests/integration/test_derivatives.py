@@ -252,7 +252,6 @@ def test_equal_frames_serve_coefficients_and_derivatives_in_turn(make, derivativ
 
 
 def test_plans_of_equal_frames_for_derivatives_are_those_of_the_users_frame():
-    """Frames of Stiefel manifolds move derivatives alike, so that they become equal."""
     f = lambda t, y: np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 2.0], [0.0, -2.0, 0.0]]) @ y
     for frame in (Stiefel(3, 2), LowRankStiefel(3, 2), Stiefel(3, 2)):
         run = cg.solve_ivp(f, (0, 1), np.eye(3, 2), frame=frame, rhs="derivative")

@@ -177,3 +177,10 @@ def test_kinks_without_breakpoints():
     assert good.nrejected == 0
     assert good.nfev < 0.5 * poor.nfev
     assert np.isin(times, good.t).all()
+
+
+def test_derivatives_far_from_time_zero_take_no_more_steps():
+    f = lambda t, y: np.array([np.sin(t + y[0, 1]), 0.3 * y[1, 2], np.cos(1.3 * t + y[2, 0])])
+    options = {"events": cg.Event(lambda t, y: t - 1e6 - 20.0, terminal=True), "rtol": 1e-6}
+    run = cg.solve_variational(f, (1e6, np.inf), np.eye(3), frame=SO3(), atol=1e-6, **options)
+    assert run.steps < 200  # one-sided differences would be noise

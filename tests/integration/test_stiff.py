@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 import cg
 from cg.construction.methods.paths import transformation
-from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.problems.convergence import final_errors, observed_order
 
 PLANE = Euclidean(2)
@@ -157,11 +157,6 @@ class TestLoop:
         with pytest.warns(UserWarning, match="steps were rejected"):
             run = cg.solve_ivp(f, (0, 1), [1.0], **options)
         assert "step size fell below" in run.message
-
-    def test_frames_without_brackets_are_refused(self):
-        fields = [lambda y: y, lambda y: y[::-1]]
-        frame = FieldFrame(fields, lambda v, y: np.exp(v[0]) * y, point_shape=2)
-        refuses(ValueError, "needs brackets", solve, pendulum, y0=[1.0, 2.0], frame=frame)
 
 
 def test_other_implicit_tableaux_are_refused():

@@ -154,10 +154,9 @@ class TestFailures:
 
     def test_a_pair_needs_both(self):
         pair, honest = methods["CG2(3)"], pf.certificate_of(methods["CG2(3)"])
-        alone = replace(honest, embedded_order=None, embedded_beyond=None)
-        refuses(pf.CertificationError, "second weights must be proved", pf.check, alone, pair)
-        higher = replace(honest, embedded_order=3)
-        refuses(pf.CertificationError, "embedded is violated", pf.check, higher, pair)
+        alone, higher = {"embedded_order": None, "embedded_beyond": None}, {"embedded_order": 3}
+        for change, message in ((alone, "second weights must"), (higher, "embedded is violated")):
+            refuses(pf.CertificationError, message, pf.check, replace(honest, **change), pair)
 
     def test_unexplained_dependent_conditions(self):
         with pytest.raises(pf.CertificationError, match="dependent") as caught:

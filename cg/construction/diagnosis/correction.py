@@ -34,7 +34,7 @@ _MAX_CHANGE = Fraction(1, 50)  # change for the sake of a single condition that 
 _ALIGNED = 0.5  # largest part of the residuals that a first step may leave
 _QUAD_ROUNDING = 1e-30  # errors of coefficients that residuals in real(16) show
 _MAX_STEPS = 12  # Gauss–Newton steps of one entry
-_MAX_DENOMINATOR = 10**6  # of the fractions that are tried
+_MAX_DENOMINATOR = 10**6  # largest one of fractions that are tried
 
 
 @dataclass(frozen=True)

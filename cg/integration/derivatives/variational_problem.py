@@ -214,8 +214,9 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
 def _allows_one_sided(problem: Problem, control_derivatives: bool) -> bool:
     """Return whether one-sided differences are exact enough for the tolerances of derivatives."""
     tolerance = problem.control.tolerance or 0.0
-    # rounding of t makes f inexact where t is far larger than the span
-    far = max(1.0, abs(problem.t0) / (abs(problem.t1 - problem.t0) or math.inf))
+    # rounding of t makes f inexact where t is far larger than the span, or than 1 without an end
+    span = abs(problem.t1 - problem.t0)
+    far = max(1.0, abs(problem.t0) / (span if 0.0 < span < math.inf else 1.0))
     return tolerance * (1.0 if control_derivatives else _TOLERANCE_RATIO) >= _MIN_ONE_SIDED * far
 
 
