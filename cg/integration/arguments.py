@@ -150,7 +150,7 @@ def read_initial_members(
         lead = "members" if len(points) == 1 else len(points)
         shape = f"({lead}, k)" if ensemble else "(k,)"
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
-    rows.flags.writeable = False
+    rows.setflags(write=False)
     return points, rows
 
 

@@ -123,10 +123,10 @@ class Collector:
         message = failed_members(failures, self.members) if failures else FINISHED
         if not failures and len(messages) == self.members:
             message = TERMINAL_EVENT
-        results.t.flags.writeable = False
+        results.t.setflags(write=False)
         for array in (results.y, results.observed):
             if array is not None and array is not self.out:
-                array.flags.writeable = False
+                array.setflags(write=False)
         outputs = [self._outputs[k] for k in range(self.members)] if problem.dense_output else []
         events: dict[str, Any] = {"t_events": None, "y_events": None, "y_after": None}
         if problem.events is not None:
@@ -174,7 +174,7 @@ def solution_of(problem: Problem, results: MemberResults) -> Solution:
         collector.add(slice(0, 1), results)
         solution = collector.solution()[0]
         return solution if problem.with_gradients is None else problem.with_gradients(solution)
-    results.t.flags.writeable = False
+    results.t.setflags(write=False)
     end, status = results.reached.item(0), results.status.item(0)
     fields = member_fields(results, 0, problem.direction, end, status, results.counts[0].tolist())
     fields |= {

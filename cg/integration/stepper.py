@@ -186,7 +186,7 @@ class Stepper:
         if not self._has_step:
             return None
         member = (self.direction * self._run.reached).argmax()  # others may have stopped before
-        return float(self._run.last_start[member])
+        return float(self._run.state("last_start")[member])
 
     @property
     def step_size(self) -> float | None:
@@ -223,7 +223,7 @@ class Stepper:
     @property
     def next_step(self) -> float | Array | None:
         """Absolute size that the next step tries."""
-        h, sizes = self._run.control.h, self._run.next_step
+        h, sizes = self._run.control.h, self._run.state("next_step")
         sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
         if self._ensemble:
             return sizes

@@ -101,7 +101,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
 def read_only(array: Points) -> Points:
     """Return a view that can't be written to."""
     view = array.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return view
 
 

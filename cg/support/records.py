@@ -22,7 +22,7 @@ class ReadOnly:
         fixed = state.pop("fixed")
         vars(self).update(state)
         for name in fixed:
-            state[name].flags.writeable = False
+            state[name].setflags(write=False)
 
 
 def filled(kind: type[Result], fields: dict[str, Any]) -> Result:

@@ -33,8 +33,8 @@ RECORD = {
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",  # the smallest relative tolerance
-    "rtols": "address",  # one for each coordinate or entry
-    "atol": "address",
+    "atol": "real",
+    "tolerances": "address",  # rows rtol and atol of each coordinate or entry, 0 if all are alike
     "in_coordinates": "flag",  # whether differences of points are in coordinates, not in entries
     "reals_per_entry": "integer",  # doubles of an entry of points, two if they are complex
     "exponent": "real",  # power of an error that sizes are proportional to
@@ -59,6 +59,7 @@ RECORD = {
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "flag",  # whether a function failed: by an exception, or an invalid number
     "step_size": "real",  # signed, of the first lane that no terminal event has ended
+    "distance": "real",  # a bound of the distances of final points from the manifold, huge if none
     "residual": "real",  # residual of the stage equations in the last iteration of the first lane
     "dropped": "real",  # largest relative part of a derivative that no field has, and its time
     "dropped_at": "real",

@@ -12,7 +12,7 @@ module run_m
   use coordinates_m, only: tolerances_t
   use derivatives_m, only: coefficients_of
   use events_m, only: observer_t
-  use frames_m, only: frame_t
+  use frames_m, only: distance_bound, frame_t
   use free_motion_m, only: make_bodies
   use inputs_m, only: member_data_t
   use kinds, only: wp
@@ -106,10 +106,16 @@ contains
       run%stops = reals(record%stops, record%segments)
       run%adaptive = .not. record%h > 0
       n = int(merge(run%frame%dimension, run%frame%point_size, record%in_coordinates), int64)
-      run%tolerances = tolerances_t(atol=reals(record%atol, n), rtols=reals(record%rtols, n), &
-        rtol=record%rtol, in_coordinates=logical(record%in_coordinates), &
-        reals_per_entry=int(record%reals_per_entry), exponent=record%exponent, &
-        max_step=record%max_step)
+      run%tolerances = tolerances_t(atol=spread(record%atol, 1, int(n)), &
+        rtols=spread(record%rtol, 1, int(n)), rtol=record%rtol, &
+        in_coordinates=logical(record%in_coordinates), exponent=record%exponent, &
+        reals_per_entry=int(record%reals_per_entry), max_step=record%max_step)
+      if (record%tolerances /= 0) then
+        associate (numbers => reals(record%tolerances, 2 * n))
+          run%tolerances%rtols = numbers(:n)
+          run%tolerances%atol = numbers(n + 1:)
+        end associate
+      end if
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(run%tolerances%atol)
@@ -305,6 +311,7 @@ contains
         status = lane%status
         if (any(status == [needs_rhs, needs_events, needs_maximum, paused])) return
         call store_lane(run, i)
+        record%distance = max(record%distance, distance_bound(run%frame, lane%y(:, 0)))
         run%busy(i) = .false.
         record%ended = record%ended + 1
         if (all(status /= [finished, terminal_event])) record%failed = record%failed + 1

@@ -291,7 +291,7 @@ class Method(ABC):
         """
         sums = FlatSums((self.stages, self.stages))
         sums[...] = np.array(self.exact[0], dtype=np.float64)
-        sums.flags.writeable = False
+        sums.setflags(write=False)
         return sums.view(np.ndarray)
 
     @cached_property

@@ -159,7 +159,7 @@ def lmdif(
         raise ValueError(f"f varies too much: its differences overflow near x = {x}")
     ipvt = ipvt.astype(np.intp) - 1
     for array in (x, fvec, fjac, ipvt, qtf):
-        array.flags.writeable = False
+        array.setflags(write=False)
     return LmdifResult(x, fvec, LmdifStatus(info), int(nfev), fjac, ipvt, qtf)
 
 

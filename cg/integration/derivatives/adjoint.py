@@ -34,6 +34,7 @@ from cg.integration.derivatives.variational_equation import (
 from cg.integration.output.solutions import DenseOutput, Solution
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs
+from cg.integration.rhs.form import templates_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import (
     CALL_PYTHON,
@@ -324,7 +325,8 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
     function, parameters, inputs = df_dp.function, rhs.extra.parameters, rhs.extra.inputs
     points = np.broadcast_to(point, (len(times), *point.shape))
     if not isinstance(function, CompiledRhs):
-        context = call_context(function, arguments, df_dp.frame, df_dp.shape, df_dp.check)
+        templates = templates_of(df_dp.frame, df_dp.shape)
+        context = call_context(function, arguments, templates, df_dp.check)
         address, data = CALL_PYTHON, np.array(id(context))
         return call_rhs(rhs, address, data.ctypes.data, df_dp, times, points)
     numbers = parameters if inputs is None else inputs.data_with(parameters)

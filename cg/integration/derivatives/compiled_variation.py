@@ -13,7 +13,7 @@ from cg.integration.derivatives.noise import Noise
 from cg.integration.derivatives.variational_equation import DIFFERENCE_STEP, VariationalEquation
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.form import RhsForm
+from cg.integration.rhs.form import RhsForm, templates_of
 from cg.integration.rhs.inputs import DataReader, ExtraArguments, address
 from cg.integration.rhs.python import CALL_PYTHON, CALL_VARIATIONAL, Derivative, call_context
 from cg.support.arrays import Array, Points, read_only
@@ -121,7 +121,8 @@ def _add_contexts(
         for name, function, shape, check in in_python:
             frame = equation.product if name == "along" else equation.frame
             dtype = equation.form.dtype if check is equation.check else np.float64
-            context = call_context(function, rest, frame, shape, check, dtype, changing)
+            templates = templates_of(frame, shape, dtype)
+            context = call_context(function, rest, templates, check, changing)
             place = ctypes.c_void_p(id(context))
             contexts.append((context, place))
             setattr(record, f"{name}_data", ctypes.addressof(place))

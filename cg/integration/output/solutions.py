@@ -455,17 +455,18 @@ def member_fields(
         t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
         y = np.ascontiguousarray(y[: len(t), member])
-        y.flags.writeable = False
+        y.setflags(write=False)
     if observed is not None:
         observed = np.ascontiguousarray(observed[: len(t), member])
-        observed.flags.writeable = False
+        observed.setflags(write=False)
     message = results.messages.get(member, FINISHED)
-    return {
+    fields = {
         "t": t,
         "y": y,
         "observed": observed,
-        **dict(zip(COUNTS, counts, strict=True)),
         "status": status,
         "message": f"Failure: {message}." if status < 0 else message,
         "success": status >= 0,
     }
+    fields.update(zip(COUNTS, counts, strict=True))
+    return fields

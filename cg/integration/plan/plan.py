@@ -119,10 +119,12 @@ class Plan:
 
     def surely_on_manifold(self, points: Points) -> bool:
         """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
-        if not self._has_distance_bound:
-            return False
-        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
-        return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
+        bound: float = self.core.plan_distance_bound(self.address, self.doubles(points).T)
+        return self.is_small(bound)
+
+    def is_small(self, bound: float) -> bool:
+        """Return whether points of which compiled code bounds the distance are on the manifold."""
+        return self._has_distance_bound and bound <= 0.1 * MEMBERSHIP_TOLERANCE
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
+from cg.integration.rhs.form import templates_of
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_value
 from cg.support.arrays import Array, Points, read_only, real_array
@@ -189,7 +190,7 @@ class EventTable:
             if self.parameters:
                 arguments = *arguments[:-1], arguments[-1][None]
             return float(self.values(index, np.array([t]), y[None], arguments)[0])
-        y.flags.writeable = False
+        y.setflags(write=False)
         raw = self.events[index].function(t, y, *arguments)
         if not (isinstance(raw, float) and math.isfinite(raw)):
             raw = float(read_finite(raw, f"events[{index}]", (), t, number=True))
@@ -197,7 +198,8 @@ class EventTable:
 
     def values(self, index: int, t: Array, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the values of an event's vectorized function, after checking them."""
-        t.flags.writeable = y.flags.writeable = False
+        t.setflags(write=False)
+        y.setflags(write=False)
         event = self.events[index]
         values: Array = event.function(t, y, *arguments)
         plain = type(values) is np.ndarray and values.dtype == np.float64
@@ -220,7 +222,7 @@ class EventTable:
         tolerance: float = MEMBERSHIP_TOLERANCE,
     ) -> Points:  # fmt: skip
         """Return the point after a jump, after checking that it is near the manifold."""
-        y.flags.writeable = False
+        y.setflags(write=False)
         jump = self.events[index].jump
         assert jump is not None
         name = f"events[{index}].jump(t, y)"
@@ -281,8 +283,8 @@ class Observer:
             kept = EventTable(self.function, self.frame).rows
             function, functions, table = 0, len(kept), kept.ctypes.data
         else:
-            rest = self.frame, self.shape, self.check
-            kept = Contexts(self.function, rhs.extra, rhs.extra.members, *rest)
+            templates = templates_of(self.frame, self.shape)
+            kept = Contexts(self.function, rhs.extra, rhs.extra.members, templates, self.check)
             function, data, stride = kept.addresses()
             functions, table = 0, 0
         record = ObserverRecord(self.count, functions, table, function, data, stride)

@@ -277,7 +277,7 @@ class ExtraArguments(NamedTuple):
                 expected = "be None, as before" if shape is None else f"have shape {shape}"
                 raise ValueError(f"parameters must {expected}, got {numbers.shape}")
             check_finite("parameters", numbers)
-            numbers.flags.writeable = False
+            numbers.setflags(write=False)
             extra = extra._replace(parameters=numbers[None] if members is None else numbers)
         if inputs is not None:
             if self.inputs is None:

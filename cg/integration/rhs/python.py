@@ -133,25 +133,29 @@ def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def call_context(
-    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
-    dtype: Any = np.float64, changing: bool = False,
+    function: Any, args: tuple[Any, ...], templates: tuple[Points, Points], check: Any,
+    changing: bool = False,
 ) -> CallContext:  # fmt: skip
-    """Return the context of a function whose results have a shape, without its wrappers."""
+    """Return the context of a function without its wrappers; for templates see `templates_of`."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, _with_reader(args)
     of_time = isinstance(function, TimeFunction)
     if of_time:
         function = function.function
-    like = np.empty(frame.point_shape, frame.dtype), np.empty(shape, dtype)
-    return CallContext(function, args, *like, check, [None, None], of_time, with_input, changing)
+    spare: list[Any] = [None, None]
+    return CallContext(function, args, *templates, check, spare, of_time, with_input, changing)
 
 
 class Contexts:
     """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
-    def __init__(self, function: Any, extra: ExtraArguments, count: int | None, *rest: Any) -> None:
-        self._connect(call_context(function, extra.arguments(0), *rest), extra, count)
+    def __init__(
+        self, function: Any, extra: ExtraArguments, count: int | None,
+        templates: tuple[Points, Points], check: Any,
+    ) -> None:  # fmt: skip
+        first = call_context(function, extra.arguments(0), templates, check)
+        self._connect(first, extra, count)
 
     def _connect(self, first: CallContext, extra: ExtraArguments, count: int | None) -> None:
         """Make the contexts of members, which are like the first one but for the arguments."""
@@ -190,7 +194,7 @@ class PythonRhs(Contexts):
         self.f, self.form, self.extra, self.vectorized = f, form, extra, vectorized
         self.check = RhsCheck(f, form, vectorized)
         members = None if vectorized else extra.members
-        super().__init__(f, extra, members, form.frame, form.shape, self.check, form.dtype)
+        super().__init__(f, extra, members, form.templates, self.check)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonRhs, (self.f, self.form, self.extra, self.vectorized)
@@ -235,7 +239,8 @@ class PythonRhs(Contexts):
 
         The shape is ``(n, *form.shape)``.
         """
-        t.flags.writeable = y.flags.writeable = False
+        t.setflags(write=False)
+        y.setflags(write=False)
         try:
             value = self.f(t, y, *self.extra.arguments(members))
         except Exception as error:

@@ -243,7 +243,7 @@ class Samples(ReadOnly):
         # compiled code reads them as (powers, pieces, width), with a first axis for members
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0)) if members else flat
-        self._pieces.flags.writeable = False
+        self._pieces.setflags(write=False)
 
     def __getstate__(self) -> dict[str, Any]:
         # without cached properties: parts for some members are copies with other values

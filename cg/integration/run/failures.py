@@ -42,7 +42,8 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
 
     There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
     """
-    stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.detail[member])
+    stop, flag = Stop(run.status[member]), int(run.detail[member])
+    t = float(run.state("failed_at")[member])
     match stop:
         case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
@@ -171,7 +172,7 @@ def warnings_of(run: Run) -> list[str]:
                 "jumps at known times, name them as breakpoints"
             )
     texts += dropped_parts(run)
-    if not plan.surely_on_manifold(run.end):
+    if not plan.is_small(run.record.distance):
         points = plan.points(np.ascontiguousarray(run.end), (run.members,))
         points = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
         distances = plan.frame.relative_error(points) if len(points) else np.zeros(0)

@@ -50,10 +50,8 @@ class Run:
     up to 1024 by a vectorized function.
 
     ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
-    times; ``status``, ``detail`` and ``failed_at`` a `Stop`, what a compiled function returned or a
-    failure was due to, and when it failed; ``last_start`` and ``next_step`` the start of the last
-    step, and the size that the next one tries; ``counts`` has the shape ``(members, 6)``, see
-    `COUNTS`.
+    times; ``status`` and ``detail`` a `Stop`, and what a compiled function returned or a failure
+    was due to; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -111,7 +109,10 @@ class Run:
             record.event_functions, record.event_width = self._functions, events.width
         in_coordinates = record.in_coordinates = control.h is not None or problem.in_coordinates
         record.reals_per_entry = 1 if in_coordinates else plan.reals_per_entry
-        record.rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
+        if control.rtol.ndim:
+            record.rtol = control.rtol.min()
+        else:
+            record.rtol, record.atol = control.rtol.item(), control.atol.item()
         record.h, record.first_step = control.h or 0.0, control.first_step or 0.0
         record.max_step, record.max_steps = control.max_step, control.max_steps
         record.every, record.exponent = problem.every, plan.step_table.exponent
@@ -169,15 +170,18 @@ class Run:
     def _share_members(self, doubles: Array) -> None:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        states = self._share("states", np.empty((members, width + len(STATE))))
+        self._states = states = self._share("states", np.empty((members, width + len(STATE))))
         rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
-        columns = states.T[width:]  # to unpack an array ends by an exception, which takes longer
-        self.reached, self.failed_at = columns[0], columns[1]
-        self.last_start, self.next_step = columns[2], columns[3]
+        self.reached = self.state("reached")
         self.counters, self.counts = rows, rows[:, 2:]
         self.status, self.detail = rows[:, 0], rows[:, 1]
         self.end[...] = doubles
+
+    def state(self, name: str) -> Array:
+        """Return a number of each member, see `STATE`."""
+        column: Array = self._states[:, self.plan.width + STATE.index(name)]
+        return column
 
     def _share(self, name: str, array: Any) -> Any:
         """Put the address of an array into the record, and keep the array alive."""
@@ -197,13 +201,10 @@ class Run:
             self.record.constants_per_member = problem.inertia.constants.shape[1]
             self._share("bodies", problem.inertia.signed_columns)
             self._share("body_constants", problem.inertia.constants)
-        count = self.plan.dim if self.record.in_coordinates else self.plan.width
-        tolerances = self._share("rtols", np.empty((2, count)))
-        self.record.atol = self.record.rtols + tolerances.strides[0]
-        rtol, atol = control.rtol, control.atol  # both have one shape
-        if rtol.ndim:
-            rtol, atol = rtol.repeat(count // rtol.size), atol.repeat(count // atol.size)
-        tolerances[0], tolerances[1] = rtol, atol
+        if control.rtol.ndim:
+            count = self.plan.dim if self.record.in_coordinates else self.plan.width
+            tolerances = np.array([control.rtol, control.atol]).reshape(2, -1)
+            self._share("tolerances", tolerances.repeat(count // tolerances.shape[1], axis=1))
         if problem.events is not None and self._functions:
             self._share("event_table", problem.events.rows)
 
@@ -239,9 +240,9 @@ class Run:
             names = [name for flag, name in _FAILED.items() if (self.detail == flag).any()]
             name = (*names, "events")[0]
             kind = "positive" if name == "step_function" else "finite"
+            t = self.state("failed_at")[self.status == Stop.RAISED][0]
             raise ValueError(
-                f"{name} must return {kind} numbers, got one that isn't {kind} at "
-                f"t = {self.failed_at[self.status == Stop.RAISED][0]:.17g}"
+                f"{name} must return {kind} numbers, got one that isn't {kind} at t = {t:.17g}"
             )
         self._collect()
         return max(steps - int(record.budget), 1)
@@ -253,14 +254,14 @@ class Run:
         unobserved = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
         if call is None and unobserved:
             k = unobserved[0]
-            call = _FAILED[int(self.detail[k])], float(self.failed_at[k]), k
+            call = _FAILED[int(self.detail[k])], float(self.state("failed_at")[k]), k
         if call is not None:
             name, t, member = call
             u, first = "" if rhs.extra.inputs is None else "u, ", rhs.extra.first
             which = "" if first is None or member is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
-            error.add_note(rhs.note(float(self.failed_at[raised[0]]), raised[0]))
+            error.add_note(rhs.note(float(self.state("failed_at")[raised[0]]), raised[0]))
         if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
             error.add_note("points are read-only: y = y.copy() first")
 
