@@ -6,8 +6,8 @@ from cg.integration.ensemble import (
     solve_variational_ensemble,
 )
 from cg.integration.errors import ConvergenceError, StepTooLongError
+from cg.integration.heat_bath import Langevin
 from cg.integration.ivp import integrate, solve_ivp, solve_linear, solve_variational
-from cg.integration.mechanics import Langevin
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution, Solution
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction

@@ -10,9 +10,9 @@ from typing import Any, Unpack
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.integration.arguments import EnsembleOptions, complete_options, expand_options
 from cg.integration.member_results import Collector, MemberResults
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
+from cg.integration.options import EnsembleOptions, complete_options, expand_options
 from cg.integration.output.solutions import EnsembleSolution
 from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
 from cg.integration.rhs.function import Function

@@ -8,9 +8,9 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Frame
-from cg.integration.arguments import Options, complete_options, expand_options
 from cg.integration.member_results import solution_of
 from cg.integration.members import add_derivatives, check_output_size, integrate_members
+from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.output.solutions import Solution
 from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import Function

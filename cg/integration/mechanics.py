@@ -7,8 +7,6 @@ momenta at one position: `refuse_friction` compares them at a sample of points, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from secrets import randbits
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,13 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.base import Frame
 from cg.frames.inertia import constants_of_bodies, read_inertia
 from cg.frames.phase_space import PhaseSpace
+from cg.integration.heat_bath import Langevin
+from cg.integration.options import EnsembleOptions
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.events import Observer, StepFunction
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
-from cg.support.checks import check_integer, check_real, short
+from cg.support.checks import short
 from cg.tables import Kind, MethodTable
 
 _MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # points at which forces are compared
@@ -83,68 +83,7 @@ def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     return np.array([rhs.answer(member, time, point) for member, time, point in calls])
 
 
-@dataclass(frozen=True)
-class Langevin:
-    r"""A heat bath: friction and noise of the momenta of a `cg.frames.PhaseSpace`.
-
-    With the inertia J, momenta :math:`\mu` and Brownian motions W, Langevin's equation is
-
-    .. math::
-
-        d\mu = (\dots)\,dt - \gamma \mu\,dt + \sqrt{2 \gamma T J}\,dW .
-
-    Its equilibrium has the probability :math:`\propto e^{-H / T}`. A symmetric splitting method
-    lets the momenta exchange heat in the middle of each step, where friction and noise alone are
-    solved exactly: ``"Leapfrog"`` takes half a kick, half a drift, noise, half a drift and half a
-    kick [1]_. Averages have errors of order two in the step size. With joints, ``"RATTLE"`` and its
-    compositions do the same, and neither momenta nor noise open the joints.
-
-    The noise is a function of the seed, of the member of an ensemble, and of the time of the step
-    divided by its size [2]_. Workers, pickles and interruptions don't change it; a restart at an
-    earlier time meets the same noise again, and so do two runs from one initial time with one seed.
-
-    Parameters
-    ----------
-    friction
-        The rate :math:`\gamma` at which momenta decay, not negative.
-    temperature
-        The temperature T times Boltzmann's constant, an energy, not negative.
-    seed
-        A number from 0 to 2**63 - 1, by default a random one.
-
-    References
-    ----------
-    .. [1] B. Leimkuhler, C. Matthews, "Rational construction of stochastic numerical methods for
-       molecular sampling", Appl. Math. Res. Express 2013, 34-56.
-    .. [2] J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as easy as
-       1, 2, 3", SC11 (2011).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import crouch_grossman as cg
-    >>> frame = cg.frames.PhaseSpace(cg.frames.SO3(), [1.0, 1.6, 2.3])
-    >>> y0 = np.tile(frame.join(np.eye(3), np.zeros(3)), (2000, 1))
-    >>> solution = cg.solve_ensemble(
-    ...     lambda t, y: np.zeros((len(y), 3)), (0, 8), y0, frame=frame, method="Leapfrog", h=0.5,
-    ...     vectorized=True, thermostat=cg.Langevin(friction=1.0, temperature=0.7, seed=1),
-    ... )
-    >>> bool(abs(frame.kinetic_energy(solution.y[-1]).mean() - 1.5 * 0.7) < 0.06)
-    True
-    """
-
-    friction: float
-    temperature: float
-    seed: int | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("friction", "temperature"):
-            object.__setattr__(self, name, check_real(name, getattr(self, name)))
-        seed = randbits(63) if self.seed is None else check_integer("seed", self.seed, 0, 2**63 - 1)
-        object.__setattr__(self, "seed", seed)
-
-
-def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool) -> None:
+def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) -> None:
     """Raise TypeError or ValueError unless a heat bath fits the integration."""
     if not isinstance(bath, Langevin):
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
@@ -162,9 +101,14 @@ def check_thermostat(bath: Any, table: MethodTable, options: Any, backward: bool
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
     if options["dense_output"]:
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
-    if backward:
+
+
+def check_heated_span(bath: Any, start: float, stop: float) -> None:
+    """Raise ValueError if time runs backward with a heat bath."""
+    if bath is not None and stop < start:
         raise ValueError(
-            "thermostat must be None backward in time, where friction would drive momenta"
+            "thermostat must be None backward in time, where friction would drive momenta, got "
+            f"{bath!r}"
         )
 
 
@@ -205,7 +149,9 @@ class MemberInertia(NamedTuple):
         return plan_of(self.frame(member, plan.frame), plan.table)
 
 
-def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) -> MemberInertia:
+def read_member_inertia(
+    value: Any, frame: Frame, options: EnsembleOptions, members: int
+) -> MemberInertia:
     """Return the bodies of each member, in place of those of the frame, after checking them.
 
     A single member takes any number of them.
@@ -233,7 +179,7 @@ def read_member_inertia(value: Any, frame: Frame, options: Any, members: int) ->
 
 
 def step_function_of(
-    options: Any, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
+    options: EnsembleOptions, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
     function = options["step_function"]
@@ -260,8 +206,10 @@ def step_function_of(
     def size_at(time: float, point: Points) -> Array:
         return checked.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
 
-    later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * options["h"]
+    h = options["h"]
     assert isinstance(plan.frame, PhaseSpace)
+    assert h is not None
+    later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * h
     _check_reversible(size_at, plan.frame, t, later, y)
     return checked
 

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from cg.integration.arguments import Options, equal_steps
+from cg.integration.arguments import equal_steps
 from cg.integration.errors import TERMINAL_EVENT
 from cg.integration.mechanics import refuse_friction
 from cg.integration.member_results import MemberResults
+from cg.integration.options import Options
 from cg.integration.problem import Problem
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of

@@ -18,16 +18,18 @@ from cg.frames.facts import check_brackets, frames_for_derivatives
 from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration import arguments
-from cg.integration.arguments import DEFAULT_ATOL, DEFAULT_RTOL, EnsembleOptions
+from cg.integration.arguments import DEFAULT_ATOL, DEFAULT_RTOL
 from cg.integration.default_method import AUTO, choose_method
+from cg.integration.heat_bath import Langevin
 from cg.integration.mechanics import (
-    Langevin,
     MemberInertia,
+    check_heated_span,
     check_thermostat,
     read_member_inertia,
     refuse_friction,
     step_function_of,
 )
+from cg.integration.options import EnsembleOptions
 from cg.integration.output.solutions import EnsembleSolution, Solution
 from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import Plan, plan_of
@@ -526,7 +528,8 @@ def make_problem(
     points, numbers, inertia = _read_members(plan, options, y0, ensemble)
     start, stop = arguments.check_span(t_span)
     if options["thermostat"] is not None:
-        check_thermostat(options["thermostat"], plan.table, options, stop < start)
+        check_heated_span(options["thermostat"], start, stop)
+        check_thermostat(options["thermostat"], plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
     rhs = _make_rhs(f, plan, options, numbers, inputs, ensemble)

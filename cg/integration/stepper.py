@@ -17,19 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
 from cg.integration.arguments import (
-    StepOptions,
     check_args,
     check_real_time,
     check_resolution,
     check_stops,
-    complete_options,
-    expand_options,
     is_ensemble,
     read_starts,
 )
 from cg.integration.errors import TERMINAL_EVENT, failed_members
-from cg.integration.mechanics import refuse_friction
+from cg.integration.mechanics import check_heated_span, refuse_friction
 from cg.integration.member_results import split_events
+from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import Function
@@ -139,8 +137,7 @@ class Stepper:
         self.t_bound = bound = check_real_time("t_bound", t_bound)
         self.direction = -1.0 if bound < start else 1.0
         ensemble = is_ensemble(frame, y0)
-        if bound < start and all_options["thermostat"] is not None:
-            raise ValueError("thermostat must be None backward in time, which noise doesn't go")
+        check_heated_span(all_options["thermostat"], start, bound)
         first, breakpoints = all_options["first_step"], all_options["breakpoints"]
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:

@@ -156,6 +156,14 @@ class JacobianKind(IntEnum):
     OUTSIDE = 2  # no matrix in compiled code: Python factors it, or stages are fixed points
 
 
+class Stored(IntEnum):
+    """What a call of compiled code stores in rows."""
+
+    STEPS = 0
+    INTERPOLANTS = 1
+    EVENTS = 2
+
+
 class FailedFunction(IntEnum):
     """The function of a right-hand side with derivatives that failed last."""
 
@@ -307,6 +315,7 @@ _SUFFIXES = {
     RowForm: "",
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
+    Stored: "_stored",
     FailedFunction: "_failed",
     LmdifStatus: "",
     MinimumNormStatus: "",

@@ -11,7 +11,8 @@ module api_run_m
   use method_m, only: make_method, reals
   use output_m, only: evaluate_stored
   use run_m, only: drive, open_run, plan_at, plan_t, run_at, run_t, read_functions, store_lane, wake
-  use shared_numbers, only: callback_block, linear_action_block, method_record_t, terminal_event
+  use shared_numbers, only: callback_block, events_stored, interpolants_stored, &
+                            linear_action_block, method_record_t, steps_stored, terminal_event
   use trajectory_m, only: continue_trajectory, exchange_state, set_start
   implicit none
 
@@ -147,14 +148,14 @@ contains
   ! Copies the rows that the last call of run_drive has stored of steps, interpolants or events.
   subroutine run_rows(address, what, n, used, rows) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    integer, intent(in) :: what, n, used               ! what: from 0, in this order
+    integer, intent(in) :: what, n, used
     real(wp), intent(inout) :: rows(n, used)
     type(run_t), pointer :: run
 
     run => run_at(address)
-    if (what == 0) rows = run%output%steps(:, :used)
-    if (what == 1) rows = run%output%interpolants(:, :used)
-    if (what == 2) rows = run%output%events(:, :used)
+    if (what == steps_stored) rows = run%output%steps(:, :used)
+    if (what == interpolants_stored) rows = run%output%interpolants(:, :used)
+    if (what == events_stored) rows = run%output%events(:, :used)
   end subroutine run_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cg.frames.facts import facts_of
-from cg.integration.arguments import Options
 from cg.integration.derivatives.adjoint import tolerance_of, with_adjoint, with_linear_adjoint
 from cg.integration.derivatives.adjoint_equation import AdjointEquation
 from cg.integration.derivatives.compiled_variation import CompiledVariation, compiled_variation
@@ -18,6 +17,7 @@ from cg.integration.derivatives.noise import check_covariance, noise_of
 from cg.integration.derivatives.saltation import VariationalEvents
 from cg.integration.derivatives.variational_equation import VariationalEquation, count_parameters
 from cg.integration.mechanics import refuse_friction
+from cg.integration.options import Options
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem

@@ -22,14 +22,21 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.memory import check_memory
-from cg.support.shared_numbers import EventColumn, InterpolantColumn, JacobianKind, RhsFlag, Stop
+from cg.support.shared_numbers import (
+    EventColumn,
+    InterpolantColumn,
+    JacobianKind,
+    RhsFlag,
+    Stop,
+    Stored,
+)
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, STATE, fields_of
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
 _MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
 _LANES = 1024  # members integrated at the same time by a vectorized function
-_STEPS, _INTERPOLANTS, _EVENTS = range(3)  # what calls store, as compiled code numbers it
+_STEPS, _INTERPOLANTS, _EVENTS = map(int, Stored)
 _ALL = slice(None)
 _INTERPOLANT_COLUMNS, _EVENT_COLUMNS = len(InterpolantColumn), len(EventColumn)
 _FAILED = {int(RhsFlag.OBSERVER_FAILED): "observe", int(RhsFlag.SIZE_FAILED): "step_function"}
