@@ -56,8 +56,7 @@ def test_rejects_huge_exponents(text):
     with pytest.raises(ValueError, match="row 1 of a must"):
         cg.conditions.residuals([[text]], [1], 1, arithmetic="exact")
     refuses(ValueError, "b must", cg.conditions.residuals, [[0]], [text], 1, arithmetic="exact")
-    with pytest.raises(cg.TableauError):
-        cg.Tableau([[text]], [1])
+    refuses(cg.TableauError, "a_11: (expected a finite|Exceeds)", cg.Tableau, [[text]], [1])
     refuses(ValueError, "phi_over_pi must", HeavyTop, phi_over_pi=text)
 
 
@@ -74,23 +73,19 @@ def test_certificates_reject_numbers(text):
             Certificate.loads(written.replace(line, f'{key} = "{text}"'))
 
 
-def _proof(**changes):
-    return replace(CERTIFICATE, **changes)
-
-
-FORGED = {
-    "order": _proof(order=10**9), "order 0": _proof(order=0), "bits": _proof(bits=10**9),
-    "no bits": _proof(bits=-1), "left out": _proof(left_out=(Condition(0, ((),)),) * 100_000),
-    "tree": _proof(beyond=replace(CERTIFICATE.beyond, word=())),
-    "fixed": _proof(fixed=("a_1,1",) * 1_000_000), "radius": _proof(radius=Decimal("1e-3999")),
-    "large radius": _proof(radius=Decimal("1e3999")),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", FORGED)
-def test_rejects_forged_certificates(what):
-    with pytest.raises(CertificationError):
-        check(FORGED[what], METHOD)
+@pytest.mark.parametrize(("message", "changes"), [
+    ("orders must be between 1 and 9", {"order": 10**9}),
+    ("orders must be between 1 and 9", {"order": 0}),
+    ("bits must be between 53 and 16384", {"bits": 10**9}),
+    ("bits must be between 53 and 16384", {"bits": -1}),
+    ("distinct independent ones", {"left_out": (Condition(0, ((),)),) * 100_000}),
+    ("no independent condition", {"beyond": replace(CERTIFICATE.beyond, word=())}),
+    ("distinct ones of the method", {"fixed": ("a_1,1",) * 1_000_000}),
+    ("as many movable", {"radius": Decimal("1e-3999")}),
+    ("as many movable", {"radius": Decimal("1e3999")}),
+])  # fmt: skip
+def test_rejects_forged_certificates(message, changes):
+    refuses(CertificationError, message, check, replace(CERTIFICATE, **changes), METHOD)
 
 
 def test_certificates_reject_files(tmp_path):

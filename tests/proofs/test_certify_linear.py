@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from exact import splitting_residuals, word_residuals
 from kinds import MAGNUS, SPLITTING
+from refusals import refuses
 
 import cg
 from cg.construction.catalogue import loads
@@ -70,20 +71,20 @@ def test_wrong_coefficients_and_forged_certificates_are_refused():
     method = cg.methods["BlanesMoan6"]
     d, k = rows(method)
     d[2] = d[2][:12] + "1" + d[2][13:]
-    with pytest.raises(CertificationError):
+    with pytest.raises(CertificationError, match=r"the order is 0, not 6: the condition of \[\]"):
         certify(cg.Splitting(d, k, name="wrong"), 6)
     certificate = certificate_of(method)
     check(certificate, method)
     words = pack(method, [6]).conditions
     fixed = certificate.fixed
-    for wrong in (
-        replace(certificate, order=7),
-        replace(certificate, fixed=fixed[1:], left_out=()),
-        replace(certificate, left_out=(words[-1],), fixed=(*fixed, "d_1")),
-        replace(certificate, beyond=replace(certificate.beyond, word=parse("[[][][][][][][]]"))),
+    beyond = replace(certificate.beyond, word=parse("[[][][][][][][]]"))
+    for message, changes in (
+        ("as many movable", {"order": 7}),
+        ("d_0 is exactly zero, so it must be fixed", {"fixed": fixed[1:], "left_out": ()}),
+        ("distinct independent", {"left_out": (words[-1],), "fixed": (*fixed, "d_1")}),
+        ("no independent condition of order 7", {"beyond": beyond}),
     ):
-        with pytest.raises(CertificationError):
-            check(wrong, method)
+        refuses(CertificationError, message, check, replace(certificate, **changes), method)
 
 
 def test_brackets_are_proved_in_part():
@@ -91,8 +92,8 @@ def test_brackets_are_proved_in_part():
     assert certificate.proved == "in part"
     assert len(certificate.left_out) == 13
     assert (certificate.order, certificate.embedded_order) == (8, 4)
-    with pytest.raises(CertificationError):
-        check(replace(certificate, order=9), cg.methods["Magnus8(4)"])
+    wrong = replace(certificate, order=9)
+    refuses(CertificationError, "as many movable", check, wrong, cg.methods["Magnus8(4)"])
 
 
 @pytest.mark.slow
@@ -181,14 +182,12 @@ def test_certificates_that_say_something_else():
     honest = certificate_of(method)
     left_out = honest.left_out
     kept = next(word for word in condition_words(6, of_time=True) if (0, word) not in left_out)
-    boxes = (
-        replace(honest, left_out=(*left_out, Condition(0, word))) for word in (kept, (((),),) * 6)
-    )
-    for wrong in (
-        *boxes,
-        replace(honest, beyond=ViolatedCondition(parse("[[[[[[[[]]]]]]]]"), Decimal("1e-8"))),
-        replace(honest, order=7),
-        replace(honest, name="CFM6(4)b"),
+    beyond = ViolatedCondition(parse("[[[[[[[[]]]]]]]]"), Decimal("1e-8"))
+    for message, changes in (
+        ("as many movable", {"left_out": (*left_out, Condition(0, kept))}),
+        ("distinct independent", {"left_out": (*left_out, Condition(0, (((),),) * 6))}),
+        ("no independent condition of order 7", {"beyond": beyond}),
+        ("as many movable", {"order": 7}),
+        ("it is for 'CFM6\\(4\\)b'", {"name": "CFM6(4)b"}),
     ):
-        with pytest.raises(CertificationError):
-            check(wrong, method)
+        refuses(CertificationError, message, check, replace(honest, **changes), method)

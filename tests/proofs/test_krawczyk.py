@@ -11,6 +11,7 @@ import pytest
 from flint import arb, arb_mat
 from independent_verifier import NotProvedError, verify
 from kinds import FROZEN
+from refusals import refuses
 from slow_cases import slow
 
 import cg
@@ -167,22 +168,21 @@ def test_certificates_are_proved_a_second_way(name):
 @pytest.mark.parametrize("name", ["CG4a.toml", "CF4.toml", "CG5(4).toml", "CG3.toml"])
 def test_the_second_implementation_rejects_wrong_certificates(name):
     entry, certificate = method(name), CERTIFICATES[name]
+    count, violated, outside = "as many unknowns", "a condition is violated", "isn't inside the box"
+    radius = Fraction(certificate["radius"])  # zero of exact methods
     changes = [
-        {"order": certificate["order"] + 1},
-        {"fixed": certificate["fixed"][1:]},
-        {"beyond": {**certificate["beyond"], "bound": "10"}},
-        {"beyond": {**certificate["beyond"], "tree": "[[]]"}},
-        {"name": "another"},
-        {"left_out": {"trees": ["[[]]"]}},
+        (count if radius else violated, {"order": certificate["order"] + 1}),
+        (count if radius else violated, {"fixed": certificate["fixed"][1:]}),
+        ("isn't violated by as much", {"beyond": {**certificate["beyond"], "bound": "10"}}),
+        ("one of the next order", {"beyond": {**certificate["beyond"], "tree": "[[]]"}}),
+        ("another name", {"name": "another"}),
+        (count if radius else violated, {"left_out": {"trees": ["[[]]"]}}),
+        *((outside, {"radius": r}) for r in (str(float(radius / 1000)), "0.1") if radius),
+        (violated if radius else count, {"radius": "0" if radius else "1e-20"}),
     ]
-    if exact_radius := Fraction(certificate["radius"]):
-        changes += [{"radius": str(float(exact_radius / 1000))}, {"radius": "0.1"}, {"radius": "0"}]
-    else:
-        changes.append({"radius": "1e-20"})
     with working_precision(53):
-        for change in changes:
-            with pytest.raises((NotProvedError, KeyError)):
-                verify(entry, {**certificate, **change})
+        for message, change in changes:
+            refuses(NotProvedError, message, verify, entry, {**certificate, **change})
 
 
 def test_the_second_way_refuses_a_condition_left_out_too_many():
@@ -191,15 +191,15 @@ def test_the_second_way_refuses_a_condition_left_out_too_many():
     trees = certificate["left_out"]["trees"]
     held = set(certificate["fixed"])
     movable = [name for name in cg.methods["CF5d"].layout.names if name not in held]
+    more = {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, movable[0]]}
     changes = [
-        {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, movable[0]]},
-        {"left_out": {"trees": [*trees, "[[][]]"]}},
-        {"left_out": {"trees": trees[:-1]}},
+        ("isn't inside the box", more),
+        ("distinct independent ones", {"left_out": {"trees": [*trees, "[[][]]"]}}),
+        ("as many unknowns", {"left_out": {"trees": trees[:-1]}}),
     ]
     with working_precision(53):
-        for change in changes:
-            with pytest.raises(NotProvedError):
-                verify(method("CF5d.toml"), {**certificate, **change})
+        for message, change in changes:
+            refuses(NotProvedError, message, verify, method("CF5d.toml"), {**certificate, **change})
 
 
 def test_which_certificates_are_proved_a_second_way():

@@ -175,17 +175,17 @@ def test_certificates_that_leave_out_something_else():
     method = cg.methods["CF5d"]
     certificate = certify(method)
     left_out = certificate.left_out
-    for wrong in (
-        left_out[:-1],
-        (*left_out, left_out[0]),
-        (*left_out, TREE),
-        (*left_out[:-1], TREE),
-        (ws.Condition(0, ws.parse("[[][]]")),),
-        (TREE._replace(row=1),),
-        (),
+    count, independent = "as many movable coefficients as equations", "distinct independent ones"
+    for message, wrong in (
+        (count, left_out[:-1]),
+        (independent, (*left_out, left_out[0])),
+        (count, (*left_out, TREE)),
+        ("no zero is proved", (*left_out[:-1], TREE)),
+        (independent, (ws.Condition(0, ws.parse("[[][]]")),)),
+        (independent, (TREE._replace(row=1),)),
+        (count, ()),
     ):
-        with pytest.raises(CertificationError):
-            check(replace(certificate, left_out=wrong), method)
+        refuses(CertificationError, message, check, replace(certificate, left_out=wrong), method)
 
 
 def test_a_certificate_that_leaves_out_an_independent_condition():
