@@ -88,7 +88,7 @@ def motion_dexpinv(side: float) -> Dexpinv:
         bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
         # v stays as it is, with the derivatives of the value: rounding grows near the radius
-        exact = v + (value - jax.lax.stop_gradient(value))
+        exact = value + jax.lax.stop_gradient(v - value)
         value = jnp.where(commutes & (q >= _SQUARED_RADIUS / 4.0), exact, value)
         return jnp.where(q < _SQUARED_RADIUS, value, jnp.where(commutes, v, jnp.nan))
 
@@ -142,7 +142,10 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
     rate, commuting = jax.lax.cond(bound * bound >= _SQUARED_RADIUS, growth, lambda: slow)
     # An infinite bound says nothing about eigenvalues.
     converges = jnp.isfinite(bound) & (rate * rate < _SQUARED_RADIUS)
-    return jnp.where(commuting & jnp.isfinite(bound), v, jnp.where(converges, total, jnp.nan))
+    # v stays as it is, with the derivatives of the sum unless rounding has grown in that
+    change = fixed - jax.lax.stop_gradient(total)
+    exact = jnp.where((jnp.abs(change) <= 1e-6 * jnp.abs(fixed).max()).all(), total + change, v)
+    return jnp.where(commuting & jnp.isfinite(bound), exact, jnp.where(converges, total, jnp.nan))
 
 
 @dataclass(frozen=True, eq=False)

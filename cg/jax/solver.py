@@ -64,9 +64,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         faster; it is exact at the ends of steps only, with errors of second order between them,
         where ``SaveAt(ts=...)`` and events use it.
     unroll
-        Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
-        as a loop: a single solution takes a little less time, compiling and batches by
-        ``jax.vmap`` take more. Stages of other methods are never a loop.
+        Whether `XLA` compiles the stages one after the other instead of as a loop: a single
+        solution takes a little less time, compiling and batches by ``jax.vmap`` take more.
     max_angle
         Largest rotation in a step that is accepted, in radians, where steps are chosen and there is
         an event; None for no limit. diffrax compares signs of events at the ends of steps only, and
@@ -196,7 +195,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         accurate, evaluations = self.dense == _DENSE[0], max(table.output.final, len(table.c))
         if accurate and solver_state.between and not self.unroll:
             evaluations = table.output.basis.shape[1]
-        stages = take_stages(table, start, unroll=self.unroll, evaluations=evaluations)
+        stages = take_stages(
+            table, start, unroll=self.unroll, evaluations=evaluations, with_end=True
+        )
         at_end = f(1.0, stages.result) if stages.at_end is None else stages.at_end
         within = interpolant(self.table, start, stages, at_end, accurate=accurate)
         error = error_estimate(table, start, stages, last_step)
@@ -215,7 +216,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """Take a step of size one along increments; there is no error estimate."""
         at_start = f(0.0, y0)
         start = Start(rules, f, jnp.ones((), at_start.dtype), y0, at_start)
-        stages = take_stages(self.table, start, unroll=self.unroll, evaluations=len(self.table.c))
+        stages = take_stages(
+            self.table, start, unroll=self.unroll, evaluations=len(self.table.c), with_end=False
+        )
         within = interpolant(self.table, start, stages, at_start, accurate=False)
         return stages.result, None, {"within": within}, state, _result(stages.result)
 

@@ -21,6 +21,7 @@ from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
 
 _NEWTON_STEPS = 3  # each squares an error that is of third order at first
+_TANGENT_ORDER = 16  # of the series of dexpinv; derivatives have no smaller ones to make up for it
 
 
 @dataclass(frozen=True)
@@ -53,48 +54,113 @@ class Stages:
     vectors: JaxArray  # values, then brackets of a Magnus method or values at nodes of output
 
 
-def take_stages(table: MethodTable, start: Start, *, unroll: bool, evaluations: int) -> Stages:
-    """Return stages and results; on the algebra the first ``evaluations`` of ``f`` are one loop."""
+def take_stages(
+    table: MethodTable, start: Start, *, unroll: bool, evaluations: int, with_end: bool
+) -> Stages:
+    """Return stages and results, from a loop by which XLA compiles ``f`` and flow once.
+
+    On the algebra it has the first ``evaluations`` of ``f``; for others, ``with_end`` says whether
+    ``f`` is evaluated at the end of the step if no stage is there.
+    """
     if table.on_algebra:
         return _take_stages_on_algebra(table, start, unroll, evaluations)
+    return _take_stages_by_flows(table, start, unroll, with_end)
+
+
+@dataclass(frozen=True, eq=False)
+class _Flows:
+    """The flows of a step: flow k leads from the point ``origins[k]`` to point ``k + 1``.
+
+    Point 0 is the start. ``ends`` are the points at the ends of the paths of a table, ``stages``
+    those of its stages; ``weights`` has the shape ``(flows, vectors)``.
+    """
+
+    origins: list[int]
+    weights: Array
+    ends: list[int]
+    stages: list[int]
+
+
+@cached
+def _flows_of(table: MethodTable) -> _Flows:
+    origins: list[int] = []
+    ends, width = [0], table.errors.shape[1]
+    for origin, rows in table.paths:
+        for k in range(len(rows)):
+            origins.append(len(origins) if k else ends[origin])
+        ends.append(len(origins))
+    weights = [np.pad(row, (0, width - len(row))) for _, rows in table.paths for row in rows]
+    stages = [ends[path] for path in table.arrays["stage_path"].tolist()]
+    return _Flows(origins, np.array(weights), ends, stages)
+
+
+def _take_stages_by_flows(table: MethodTable, start: Start, unroll: bool, with_end: bool) -> Stages:
+    """Return the stages and the results of a method whose paths are flows.
+
+    A flow has h times a weighted sum of values as coefficients. The value of ``f`` at a stage is
+    added to the sums of all flows at once.
+    """
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
-    record, c = table.record, table.c
-    at_end = None
-    stages: list[JaxArray] = []
-    ends = [y0]
-    results = {record.result, record.embedded, record.third}
-
-    def follow_paths(count: int) -> None:
-        """Follow the first paths, as far as they haven't been followed yet."""
-        for k in range(len(ends), count + 1):
-            origin, flows = table.paths[k - 1]
-            y = ends[origin]
-            for row in flows:
-                # Without the barrier XLA compiles a flow once for each of its consumers. Then
-                # rounding errors, and with them sizes of steps, differ between the forward pass
-                # and its repetition by an adjoint.
-                y = jax.lax.optimization_barrier(rules.flow(_displacement(h, row, stages), y))
-            ends.append(rules.restore(y) if k in results else y)
-
+    record, flows = table.record, _flows_of(table)
+    count, result = len(flows.origins), flows.ends[record.result]
+    times: dict[int, float] = {}  # abscissae of the points at which f is evaluated
+    columns = np.zeros((count + 1, count))  # weights of the values at points
     if table.kind is Kind.LINEAR:
-        stages = list(jax.vmap(lambda at: f(at, y0))(jnp.asarray(c, h.dtype)))
-        at_end = stages[-1] if c[-1] == 1.0 else None
-        for pair in table.brackets:
-            u, v = (_displacement(h, row, stages) for row in pair)
-            stages.append(v @ linear(u, rules.frame._adjoint_basis) / h)
-    places = table.arrays["stage_path"].tolist()
-    for at, k in zip(c.tolist()[len(stages) :], places, strict=False):
-        follow_paths(k)
-        value = start.at_start if k == 0 and at == 0.0 and not stages else f(at, ends[k])
-        if len(stages) + 1 == record.final_stage:
-            at_end = value
-        stages.append(value)
-    follow_paths(len(table.paths))
-    others = [ends[k] for k in (record.embedded, record.third) if k]
-    vectors = jnp.stack(stages)
+        vectors = _vectors_of_time(table, start)
+        sums = jnp.asarray(flows.weights, h.dtype) @ vectors
+    else:
+        abscissae = dict(zip(flows.stages, table.c.tolist(), strict=True))
+        times = ({result: 1.0} if with_end else {}) | abscissae
+        np.add.at(columns, flows.stages, flows.weights.T)
+        first = start.at_start if times[0] == 0.0 else f(times[0], y0)
+        sums = jnp.asarray(columns[0, :, None], h.dtype) * first
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+
+    def take(carry: tuple[JaxArray, JaxArray], step: Any) -> Any:
+        points, sums = carry
+        k, origin, c, is_evaluated, column = step
+        # Without the barrier XLA compiles a flow once for each of its consumers. Then rounding
+        # errors, and with them sizes of steps, differ between the forward pass and its repetition
+        # by an adjoint.
+        y = jax.lax.optimization_barrier(flow(h * sums[k], points[origin]))
+        points = points.at[k + 1].set(y)
+        if not times:
+            return (points, sums), None
+        value = jax.lax.cond(is_evaluated, lambda: f(c, y), lambda: jnp.zeros_like(first))
+        # the results don't depend on f at the end of the step, which may be infinite
+        added = jnp.where(column[:, None] == 0.0, 0.0, column[:, None] * value)
+        return (points, sums + added), value
+
+    points = jnp.zeros((count + 1, *y0.shape), y0.dtype).at[0].set(y0)
+    reached = range(1, count + 1)
+    steps = (
+        np.arange(count), np.array(flows.origins), np.array([times.get(k, 0.0) for k in reached]),
+        np.array([k in times for k in reached]), columns[1:],
+    )  # fmt: skip
+    xs = [jnp.asarray(x, h.dtype if x.dtype.kind == "f" else None) for x in steps]
+    (points, _), values = jax.lax.scan(take, (points, sums), xs, unroll=unroll)
+    if times:
+        values = jnp.concatenate([first[None], values])
+        vectors = values[np.array(flows.stages)]
+        at_end = values[result] if result in times else None
+    else:
+        at_end = vectors[len(table.c) - 1] if table.c[-1] == 1.0 else None
     errors = jnp.asarray(table.errors, h.dtype) @ vectors
-    values = vectors[: len(c)]
-    return Stages(values, ends[record.result], others, errors, at_end, vectors)
+    results = (record.result, record.embedded, record.third)
+    y1, *others = (rules.restore(points[flows.ends[k]]) for k in results if k)
+    return Stages(vectors[: len(table.c)], y1, others, errors, at_end, vectors)
+
+
+def _vectors_of_time(table: MethodTable, start: Start) -> JaxArray:
+    """Return the values of ``f`` of a linear equation, then brackets of weighted sums of them."""
+    h, frame = start.h, start.rules.frame
+    vectors = jax.vmap(lambda c: start.f(c, start.y0))(jnp.asarray(table.c, h.dtype))
+    count = len(vectors)
+    vectors = jnp.pad(vectors, ((0, len(table.brackets)), (0, 0)))
+    for k, pair in enumerate(jnp.asarray(table.brackets, h.dtype), count):
+        u, v = pair @ vectors
+        vectors = vectors.at[k].set(h * v @ linear(u, frame._adjoint_basis))
+    return vectors
 
 
 def _take_stages_on_algebra(
@@ -154,14 +220,6 @@ def _take_stages_on_algebra(
         corrected = jnp.asarray(table.errors[:, 1:], h.dtype) @ corrections[: count - 1]
         errors = jnp.concatenate([errors - corrected, corrected])
     return Stages(values, result, [], errors, at_end, vectors)
-
-
-def _displacement(h: JaxArray, row: Array, stages: list[JaxArray]) -> JaxArray:
-    """Return h times a weighted sum of coefficients at stages, as one product."""
-    used = np.flatnonzero(row)
-    if len(used) == 1:
-        return (h * float(row[used[0]])) * stages[used[0]]
-    return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,33 +308,48 @@ def _on_algebra(table: MethodTable, start: Start, stages: Stages, at_end: JaxArr
         derivatives = h * stages.vectors
     else:
         u = _coordinates(rules, 0.5 * h * (start.at_start + at_end), y0, stages.result, series)
-        derivatives = jnp.stack([h * start.at_start, u, dexpinv(u, h * at_end, series)])
-        count, width = len(derivatives), output.basis.shape[1]
-        derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
+        width = output.basis.shape[1]
+        derivatives = jnp.pad(jnp.stack([h * start.at_start, u]), ((0, width - 2), (0, 0)))
 
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
             at, theta, row = node
             u = row @ k
-            value = dexpinv(u, h * f(theta, flow(u, y0)), series)
-            return k.at[at].set(value), None
+            value = jax.lax.cond(at == 2, lambda: at_end, lambda: f(theta, flow(u, y0)))
+            return k.at[at].set(dexpinv(u, h * value, series)), None
 
-        theta, rows = (jnp.asarray(x, h.dtype) for x in (output.theta, output.rows))
-        nodes = jnp.arange(count, width), theta, rows
-        derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
+        # the first node is the end of the step, whose coordinates are u
+        theta = jnp.asarray([1.0, *output.theta], h.dtype)
+        rows = jnp.asarray(np.vstack([np.eye(width)[1], output.rows]), h.dtype)
+        derivatives, _ = jax.lax.scan(evaluate, derivatives, (jnp.arange(2, width), theta, rows))
     fields = jnp.asarray(output.basis, h.dtype) @ derivatives
     return _Interpolant(y0, fields, rules, _algebra_scheme(table))
 
 
 def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
-    """Return the coordinates of a step, by Newton's method from ``u``."""
+    """Return the coordinates of a step, by Newton's method from ``u``.
+
+    Their derivatives are those of the equation that they solve, not of its iterations.
+    """
     log, dexpinv = rules.log, rules.dexpinv
     assert log is not None
     assert dexpinv is not None
 
-    def improve(u: JaxArray, _: Any) -> tuple[JaxArray, None]:
-        return u + dexpinv(u, log(rules.flow(u, y0), y1), series), None
+    @jax.custom_jvp
+    def solve(u: JaxArray, y0: JaxArray, y1: JaxArray) -> JaxArray:
+        def improve(_: Any, u: JaxArray) -> JaxArray:
+            return u + dexpinv(u, log(rules.flow(u, y0), y1), series)
 
-    return jax.lax.scan(improve, u, None, length=_NEWTON_STEPS)[0]
+        return jax.lax.fori_loop(0, _NEWTON_STEPS, improve, u)
+
+    @solve.defjvp
+    def _(points: Any, tangents: Any) -> tuple[JaxArray, JaxArray]:
+        u, (_, y0, y1), (_, dy0, dy1) = solve(*points), points, tangents
+        moved = jax.jvp(lambda y: rules.flow(u, y), (y0,), (dy0,))[1]
+        v = rules.coefficients(y1, dy1 - moved)
+        # linear in v, though dexpinv asks whether u and v commute
+        return u, jax.jvp(lambda v: dexpinv(u, v, _TANGENT_ORDER), (u,), (v,))[1]
+
+    return solve(u, y0, y1)
 
 
 @cached
