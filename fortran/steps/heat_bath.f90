@@ -34,8 +34,8 @@ contains
     integer, intent(in) :: member            ! number in the run, from 1
     real(wp), intent(in) :: t, time          ! t: of the step; time: that of the exchange
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: noise(frame%forces + 3), kept, deviation
-    integer(int64) :: tick
+    real(wp) :: noise(frame%forces + 3), decay, deviation
+    integer(int64) :: tick                   ! of which the noise is a function
     integer :: i, k
 
     ! the time in units of h / 2^20, by which times that differ by rounding are equal
@@ -44,16 +44,16 @@ contains
       call normal_variates([record%seed, record%first_member + int(member - 1, int64)], &
                            [tick, int(k / 4, int64)], noise(k:k + 3))
     end do
-    kept = exp(-record%friction * time)
-    deviation = sqrt(record%temperature * (1 - kept) * (1 + kept))
+    decay = exp(-record%friction * time)
+    deviation = sqrt(record%temperature * (1 - decay) * (1 + decay))
     k = frame%momenta_offset
     do i = 1, size(frame%bodies)
       associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
         associate (momentum => y(k + v:k + last), xi => noise(v:last))
           if (size(root, 2) == 1) then
-            momentum = kept * momentum + deviation * root(:, 1) * xi
+            momentum = decay * momentum + deviation * root(:, 1) * xi
           else
-            momentum = kept * momentum + deviation * matmul(root, xi)
+            momentum = decay * momentum + deviation * matmul(root, xi)
           end if
         end associate
       end associate

@@ -58,9 +58,9 @@ contains
     call move_part(x, path, parts, y)
     if (x%status /= finished) return
     associate (momenta => y(x%frame%momenta_offset + 1:))
-      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
-      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
     end associate
     call move_part(x, path, 1 - parts, y)
   end subroutine move_by_splitting
@@ -84,7 +84,7 @@ contains
       if (x%frame%jointed .and. time /= 0) then
         call drift_closed(x, time, path, y)
       else if (x%frame%jointed) then
-        call remove_opening(x%frame, x%joints%here, momenta)
+        call remove_opening(x%frame, x%joints%constraints, momenta)
       else if (time /= 0) then
         call drift(x%frame, time, y)
       end if
@@ -98,11 +98,11 @@ contains
     integer :: status
 
     associate (n => x%frame%linkage%momenta_offset)
-      if (x%joints%here%known) then
-        if (all(x%joints%place == y(:n))) return
+      if (x%joints%constraints%factored) then
+        if (all(x%joints%configuration == y(:n))) return
       end if
-      x%joints%place = y(:n)
-      call constraints_at(x%frame, y, 1, x%joints%here, status)
+      x%joints%configuration = y(:n)
+      call constraints_at(x%frame, y, 1, x%joints%constraints, status)
     end associate
     if (status /= finished) call fail(x, status, x%t)
   end subroutine find_constraints
@@ -110,33 +110,33 @@ contains
   ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
   subroutine drift_closed(x, time, path, y)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: time
-    integer, intent(in) :: path
+    real(wp), intent(in) :: time                       ! of the drift
+    integer, intent(in) :: path                        ! that the drift belongs to
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
-    integer, parameter :: iterations = 50
-    real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
-    real(wp) :: change(size(lambda), iterations)       ! changes of lambda
+    integer, parameter :: max_iterations = 50
+    real(wp) :: y_start(size(y)), lambda(size(x%joints%constraints%g)), opening
+    real(wp) :: change(size(lambda), max_iterations)   ! changes of lambda
     integer :: i, status
 
-    call copy(size(y), y, start)
-    last = huge(last)
-    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead, &
+    call copy(size(y), y, y_start)
+    opening = huge(opening)
+    associate (linkage => x%frame%linkage, start => x%joints%constraints, trial => x%joints%trial, &
                impulse => x%joints%impulse(:size(lambda), :, path))
       lambda = 2 * impulse(:, 1) - impulse(:, 2)
-      do i = 1, iterations
-        if (i > 1) call copy(size(y), start, y)
-        call constraint_impulse(linkage, here%gradient, lambda, &
+      do i = 1, max_iterations
+        if (i > 1) call copy(size(y), y_start, y)
+        call constraint_impulse(linkage, start%gradient, lambda, &
                                 y(linkage%momenta_offset + 1:linkage%momenta_end))
         call drift(x%frame, time, y)
         x%counts%nexp = x%counts%nexp + 1
-        call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, status)
+        call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, trial, status)
         if (status /= finished) exit
-        ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
-        ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
-        if (is_closed(ahead, last)) exit
-        if (.not. last < huge(last)) exit
-        call solve_constraints(linkage, here, ahead%g)
-        change(:, i) = -ahead%g / time
+        trial%scale(linkage%joint_rows + 1:) = start%scale(linkage%joint_rows + 1:)
+        trial%min_scale(linkage%joint_rows + 1:) = start%min_scale(linkage%joint_rows + 1:)
+        if (is_closed(trial, opening)) exit
+        if (.not. opening < huge(opening)) exit
+        call solve_constraints(linkage, start, trial%g)
+        change(:, i) = -trial%g / time
         call correct_change(i, change)
         lambda = lambda + change(:, i)
       end do
@@ -145,7 +145,7 @@ contains
       impulse(:, 1) = lambda
       if (status /= finished) then
         call fail(x, status, x%t)
-      else if (i > iterations .or. .not. last < huge(last)) then
+      else if (i > max_iterations .or. .not. opening < huge(opening)) then
         call fail(x, joints_not_solved, x%t)
       else
         call restore(x%frame, y)
@@ -159,16 +159,16 @@ contains
   ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
   ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
   pure subroutine correct_change(i, change)
-    integer, intent(in) :: i
-    real(wp), intent(inout) :: change(:, :)
+    integer, intent(in) :: i                 ! the iteration
+    real(wp), intent(inout) :: change(:, :)  ! (rows, iterations) s_j, and z in column i
     real(wp) :: along
     integer :: j
 
-    associate (now => change(:, i))
+    associate (z => change(:, i))
       do j = 1, i - 1
-        along = dot_product(change(:, j), now) / max(sum(change(:, j)**2), tiny(along))
-        if (j < i - 1) now = now + along * change(:, j + 1)
-        if (j == i - 1 .and. along < 0.5_wp) now = now / (1 - along)
+        along = dot_product(change(:, j), z) / max(sum(change(:, j)**2), tiny(along))
+        if (j < i - 1) z = z + along * change(:, j + 1)
+        if (j == i - 1 .and. along < 0.5_wp) z = z / (1 - along)
       end do
     end associate
   end subroutine correct_change

@@ -145,10 +145,10 @@ module trajectory_m
 
   ! The joints of a splitting method's frame
   type :: joints_t
-    type(constraints_t) :: here              ! with the factor, at the configuration `place`
-    type(constraints_t) :: ahead             ! at the end of a trial
-    real(wp), allocatable :: place(:)
-    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
+    type(constraints_t) :: constraints       ! at `configuration`, with the factor
+    type(constraints_t) :: trial             ! at the end of a trial drift
+    real(wp), allocatable :: configuration(:)
+    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) in the last two steps
   end type joints_t
 
   ! What a trajectory needs between steps, besides arrays
@@ -309,7 +309,7 @@ contains
     x%last%cut = .false.
     x%y(:, 0) = y
     x%end_known = .false.
-    x%joints%here%known = .false.            ! members may have inertia of their own
+    x%joints%constraints%factored = .false.            ! members may have inertia of their own
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
