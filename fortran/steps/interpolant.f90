@@ -213,23 +213,20 @@ contains
       call add_last_flow(2, self)
       return
     end if
-    associate (k => self%next, final => self%scheme%final, h => self%h, &
-               first => self%vectors(:, 1), last => self%vectors(:, 2))
+    associate (k => self%next, final => self%scheme%final, n => size(stages, 2))
       if (self%scheme%flat) then
-        k(:, :size(stages, 2)) = stages
-        self%known = max(size(stages, 2), final)
-        if (final > size(stages, 2)) then
-          k(:, final) = last
-          self%weight(:size(stages, 2)) = h * self%scheme%basis(:size(stages, 2), 1)
-          call combine(self%frame%dimension, size(stages, 2), self%weight, k, self%u)
-          call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
-        end if
+        k(:, :n) = stages
+        self%known = max(n, final)
+        self%weight(:n) = self%h * self%scheme%basis(:n, 1)
+        if (final > n) call combine(self%frame%dimension, n, self%weight, k, self%u)
       else
-        k(:, 1) = first
+        k(:, 1) = self%vectors(:, 1)
         self%known = final
         call find_mean(self, exists)
-        k(:, final) = last
-        if (exists) call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
+      end if
+      if (exists .and. (final > n .or. .not. self%scheme%flat)) then   ! the end isn't a stage
+        k(:, final) = self%vectors(:, 2)
+        call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
       end if
     end associate
     call finish_or_fall_back(self, exists)

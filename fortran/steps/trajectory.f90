@@ -30,7 +30,7 @@ module trajectory_m
     phase_error_received = 19, phase_detect_events = 20, phase_interpolant_start_received = 21, &
     phase_complete_step = 22, phase_step_shared = 23, phase_ended = 24
 
-  ! Places of a query: its event, or 0 for all, the fraction of the step and the time
+  ! Rows of a query: its event, or 0 for all, the fraction of the step and the time
   integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
 
   type :: problem_t
@@ -122,19 +122,20 @@ module trajectory_m
   ! A zero of the function of an event within a step
   type :: zero_t
     real(wp) :: theta = 0.0_wp               ! fraction of the step
-    integer :: event = 0, from = 0           ! from: sign of the function before
+    integer :: event = 0
+    integer :: sign_before = 0               ! of the function before the zero
     logical :: stored = .false.
   end type zero_t
 
   ! An event of a trajectory
   type :: event_state_t
-    real(wp) :: before = 0.0_wp, after = 0.0_wp        ! values at both ends of the step
+    real(wp) :: at_start = 0.0_wp, at_end = 0.0_wp     ! values of its function in the step
     integer(int64) :: count = 0              ! how often it happened
     real(wp) :: time = 0.0_wp                ! when it happened last
-    ! sign of the function before an event at the start of the step, or just before; 0 if none
-    integer :: came_from = 0
+    ! sign of the function before an event at the start of the step or just before it, 0 if none
+    integer :: sign_before = 0
     real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
-    real(wp) :: small = 0.0_wp               ! values that count as zero after events
+    real(wp) :: zero_tolerance = 0.0_wp      ! values up to it count as zero after events
   end type event_state_t
 
   ! The step before, whose interpolant may be requested
@@ -316,12 +317,12 @@ contains
       x%control%step_size = x%problem%record%first_step
     end if
     call forget_step(x, near)
-    x%events%before = 0.0_wp
+    x%events%at_start = 0.0_wp
     x%events%count = 0
     call continue_trajectory(x, .false.)
     if (same) return
     x%events%time = huge(1.0_wp)
-    x%events%came_from = 0
+    x%events%sign_before = 0
   end subroutine set_start
 
   ! Forgets what is kept of the step before, where the right-hand side or the solution may jump.
