@@ -33,7 +33,7 @@ module linear_action_m
     integer, allocatable :: column(:)        ! (entries of X)
     ! (n generators + 1) the terms where rows of each generator begin, one generator after the other
     integer, allocatable :: row(:)
-    integer, allocatable :: place(:)         ! (reals_per_entry, terms) number in X to which it adds
+    integer, allocatable :: entry(:)         ! (reals_per_entry, terms) number in X that it adds to
     real(wp), allocatable :: value(:)        ! (reals_per_entry, terms) its coefficient
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds of norms, sums of moduli in rows
@@ -48,11 +48,11 @@ module linear_action_m
   ! Number of products X y, for benchmarks; several threads that count at once miss some.
   integer(int64), public :: products = 0
 
-  ! The same for flows along polynomials; at 1.5 times this norm up to three digits are lost.
+  ! Norm of the pieces of flows along polynomials; at 1.5 times this norm three digits may be lost.
   real(wp), parameter :: polynomial_norm = 6.0_wp
   real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
-  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
-  real(wp), parameter :: omitted = 0.1_wp    ! part of a tolerance that terms left out early share
+  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)   ! relative, of zero coefficients
+  real(wp), parameter :: omitted = 0.1_wp    ! fraction of a tolerance for terms left out early
 
 contains
 
@@ -78,7 +78,7 @@ contains
     call take(entries, action%column)
     call take(action%n * action%generators + 1, action%row)
     call take(terms, action%term_column)
-    call take(m * terms, action%place)
+    call take(m * terms, action%entry)
     action%value = numbers(used + 1:used + m * terms)
     used = used + m * terms
     action%norm = [(maxval([(sum(abs(action%value( &
@@ -155,7 +155,7 @@ contains
     x = 0.0_wp
     do i = 1, action%generators
       do k = m * action%row((i - 1) * action%n + 1) - m + 1, m * action%row(i * action%n + 1) - m
-        x(action%place(k)) = x(action%place(k)) + v(i) * action%value(k)
+        x(action%entry(k)) = x(action%entry(k)) + v(i) * action%value(k)
       end do
     end do
     norm = 0.0_wp

@@ -159,7 +159,7 @@ contains
   subroutine read_functions(run)
     type(run_t), intent(inout) :: run
 
-    run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+    run%step_limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
                          [2_int64, run%record%limited])
     run%rhs%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &

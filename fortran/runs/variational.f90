@@ -282,21 +282,21 @@ contains
     self%code = rhs(self%t, point, values, data)
   end subroutine call_function
 
-  ! Adds the matrix of brackets with f.
+  ! Adds the matrix of brackets xi -> [f, xi], by structure constants.
   subroutine add_bracket_matrix(record, n, f, a)
     type(variation_t), intent(in) :: record
     integer, intent(in) :: n
     real(wp), intent(in) :: f(n)
     real(wp), intent(inout) :: a(n, n)
-    integer, pointer, contiguous :: place(:, :)        ! (3, constants)
+    integer, pointer, contiguous :: index(:, :)        ! (3, constants) i, j, k
     real(wp), pointer, contiguous :: constant(:)       ! (constants)
     integer :: c, count
 
     count = int(record%constants)
-    call c_f_pointer(transfer(record%index, c_null_ptr), place, [3, count])
+    call c_f_pointer(transfer(record%index, c_null_ptr), index, [3, count])
     call c_f_pointer(transfer(record%constant, c_null_ptr), constant, [count])
     do c = 1, count
-      a(place(2, c), place(3, c)) = a(place(2, c), place(3, c)) + constant(c) * f(place(1, c))
+      a(index(2, c), index(3, c)) = a(index(2, c), index(3, c)) + constant(c) * f(index(1, c))
     end do
   end subroutine add_bracket_matrix
 

@@ -173,7 +173,7 @@ contains
       end if
     end associate
     if (any(x%frame%blocks%kind == callback_block)) &
-      x%interpolant%path = flows_of_step(x, x%interpolant%h)
+      x%interpolant%step_flows = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)

@@ -105,19 +105,20 @@ contains
     if (tried_size < min(min_size, to_end)) tried_size = -1.0_wp
   end function tried_size
 
-  ! A first guess from the norms, in tolerances, of the point and of its derivative
+  ! A first guess, a fraction of the time |y| / |y'| in which the point changes by its size
   pure real(wp) function first_guess(point, slope, span)
-    real(wp), intent(in) :: point, slope, span           ! span: of the whole integration
+    real(wp), intent(in) :: point, slope, span         ! norms in tolerances; span: of the segment
 
     first_guess = blind_fraction * span
     if (point > negligible .and. slope * span > negligible) &
       first_guess = guess_fraction * point / slope
   end function first_guess
 
-  ! The first size, huge if there is no limit. The rate at which the solution changes stands for its
-  ! derivatives beyond the second, so that the unit of time makes no difference.
+  ! The first size, huge if none is too large. The rate r = max(|y''| / |y'|, |y'| / |y|) stands for
+  ! derivatives beyond the second, |y'| r^p h^(p + 1) = first_error, in any unit of time.
   pure real(wp) function first_size(point, slope, curvature, exponent)
-    real(wp), intent(in) :: point, slope, curvature, exponent
+    real(wp), intent(in) :: point, slope, curvature    ! norms of y, y' and y'' in tolerances
+    real(wp), intent(in) :: exponent                   ! 1 / (p + 1)
     real(wp) :: rate
 
     first_size = huge(first_size)

@@ -53,7 +53,7 @@ contains
     real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
     real(wp) :: parts(2), change
 
-    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%vector, &
+    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%difference, &
                       x%norms%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
@@ -104,26 +104,26 @@ contains
   ! the sums, and the rest: with a third result, of the differences of results; where exponents of
   ! Magnus methods are compared, sums of its own; on the algebra, sums of what dexp^-1 adds.
   subroutine difference_norms(x, errors)
-    type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
+    type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the sums sum
     real(wp), intent(out) :: errors(:, :)    ! (part, difference)
     real(wp), allocatable :: weight(:)       ! (summands)
     real(wp) :: error
-    integer :: i, part, place
+    integer :: i, part, e                    ! e: of e_1, e_2 or e_3
 
     errors = 0.0_wp
-    associate (method => x%method, last => size(x%method%error, 2), u => x%norms%displacement)
+    associate (method => x%method, sums => size(x%method%error, 2), u => x%norms%displacement)
       if (method%embedded > 0 .and. .not. method%in_parts) &
         errors(1, 1) = distance(x, method%embedded)
-      do i = 1, last
-        place = merge(1, 2, i <= (last + 1) / 2)
-        if (method%estimate == at_end_estimate) place = 1 + i
+      do i = 1, sums
+        e = merge(1, 2, i <= (sums + 1) / 2)
+        if (method%estimate == at_end_estimate) e = 1 + i
         part = 1
         if (method%estimate == parts_of_sums_estimate) part = 2 - mod(i, 2)
         weight = x%h * method%error(:, i)
         if (size(x%added) > 0) then
           call combine(size(u), size(x%f, 2), weight, x%added, u)
           call remove_isotropy(x%frame, x%y(:, x%result), u)
-          call take_larger(errors(2, place), displacement_norm(x))
+          call take_larger(errors(2, e), displacement_norm(x))
           x%v(:, 1) = u                      ! the rest; all flows have been followed
         end if
         call combine(size(u), size(x%f, 2), weight, x%f, u)
@@ -131,11 +131,11 @@ contains
         call remove_isotropy(x%frame, x%y(:, x%result), u)
         if (size(x%added) > 0) u = u - x%v(:, 1)
         error = displacement_norm(x)
-        if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
-        call take_larger(errors(part, place), error)
+        if (method%kind == polynomial_kind) error = hypot(errors(1, e), error)
+        call take_larger(errors(part, e), error)
         if (method%estimate /= parts_of_results_estimate) cycle
-        if (i == 1) call take_larger(errors(2, place), distance(x, method%embedded, x%norms%change))
-        if (i == last) call take_larger(errors(2, place), distance(x, method%third, x%norms%change))
+        if (i == 1) call take_larger(errors(2, e), distance(x, method%embedded, x%norms%change))
+        if (i == sums) call take_larger(errors(2, e), distance(x, method%third, x%norms%change))
       end do
     end associate
   end subroutine difference_norms
@@ -198,27 +198,27 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp), allocatable :: t(:), values(:, :)        ! (nodes of both), (dimension, nodes of both)
-    real(wp) :: sizes(size(v)), largest, weight
-    integer, allocatable :: kept(:)
+    real(wp), allocatable :: t(:), nodal_f(:, :)       ! (nodes of both), (dimension, nodes of both)
+    real(wp) :: moduli(size(v)), largest, weight       ! largest: of prod_j (t - t_j)
+    integer, allocatable :: new_nodes(:)               ! nodes before that this step doesn't have
     integer :: j, k
 
     ! the end of the step before is the start of this one
-    kept = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
-    t = [(c(kept) - 1) * ratio, c]
-    values = reshape([f_before(:, kept), f(:, :size(c))], [size(v), size(t)])
+    new_nodes = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
+    t = [(c(new_nodes) - 1) * ratio, c]
+    nodal_f = reshape([f_before(:, new_nodes), f(:, :size(c))], [size(v), size(t)])
     v = 0.0_wp
-    sizes = 0.0_wp
+    moduli = 0.0_wp
     largest = 0.0_wp
     do k = 1, size(t)
       weight = 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))])
-      v = v + weight * values(:, k)
-      sizes = sizes + abs(weight * values(:, k))
+      v = v + weight * nodal_f(:, k)
+      moduli = moduli + abs(weight * nodal_f(:, k))
     end do
-    do k = size(kept) + 1, size(t) - 1
+    do k = size(new_nodes) + 1, size(t) - 1
       largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t)))
     end do
-    v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
+    v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * moduli)
   end subroutine node_difference
 
   ! The norm of the difference of the result from another one, without a part of it
@@ -228,12 +228,12 @@ contains
     real(wp), intent(in), optional :: part(:)          ! (width)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%vector)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%difference)
     else
-      x%norms%vector(:) = x%y(:, x%result) - x%y(:, path)
+      x%norms%difference(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(part)) x%norms%vector(:) = x%norms%vector - part(:size(x%norms%vector))
-    distance = error_norm(x%tolerances, x%norms%vector, x%norms%scale)
+    if (present(part)) x%norms%difference(:) = x%norms%difference - part(:size(x%norms%difference))
+    distance = error_norm(x%tolerances, x%norms%difference, x%norms%scale)
   end function distance
 
   ! The norm of norms%displacement at the end of the step; norms%change is set on the way.

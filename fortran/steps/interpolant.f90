@@ -50,13 +50,13 @@ module interpolant_m
     type(scheme_t), pointer :: scheme => null()
     logical :: on_algebra = .false., complete = .false.
     logical :: noisy = .false.               ! whether noise is in the middle of the step
-    integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
-    integer :: node = 0                      ! the next one, of the interpolant with more nodes
-    integer :: nexp = 0                      ! flows that it took and that aren't counted yet
+    integer :: known = 0                     ! derivatives or nodes so far, their number
+    integer :: node = 0                      ! the next node, of the interpolant with more nodes
+    integer :: nexp = 0                      ! flows followed that aren't counted yet
     real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
-    ! (dimension times flows) those of the step, of a frame in Python if they are kept
-    real(wp), allocatable :: path(:)
+    ! (dimension times flows) the flows of the step on a frame in Python, if f at stages is stored
+    real(wp), allocatable :: step_flows(:)
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
@@ -66,7 +66,7 @@ module interpolant_m
     real(wp), allocatable :: next(:, :)
   end type interpolant_t
 
-  integer, parameter :: iterations = 20
+  integer, parameter :: max_iterations = 20                      ! of Newton's method in find_mean
   real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! with a square below rounding
 
 contains
@@ -81,7 +81,7 @@ contains
     self%frame => frame
     self%scheme => scheme
     associate (n => frame%point_size, m => frame%dimension, derivatives => size(scheme%basis, 1))
-      allocate (self%path(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
+      allocate (self%step_flows(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
                 self%weight(max(1, derivatives, size(scheme%basis, 2))), &
                 self%vectors(m, scheme%vectors), self%next(m, max(scheme%nodes, derivatives)), &
                 self%v(m, size(scheme%weight, 2) + 1), stat=alloc_status)
@@ -103,7 +103,7 @@ contains
   subroutine add_last_flow(nodes, self)
     integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
-    real(wp), dimension(self%frame%point_size) :: reached, aim
+    real(wp), dimension(self%frame%point_size) :: reached, aim         ! z(1) and y1
     real(wp) :: v(self%frame%dimension)
 
     self%known = nodes
@@ -112,9 +112,9 @@ contains
     aim = self%y1
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
-    if (size(self%path) > 0) then
+    if (size(self%step_flows) > 0) then
       call self%frame%callback%apply(nearest_operation, &
-        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%path], aim, v)
+        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%step_flows], aim, v)
     else
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
@@ -256,7 +256,7 @@ contains
     integer :: i
 
     self%u = self%h * (self%vectors(:, 1) + self%vectors(:, 2)) / 2
-    do i = 1, iterations
+    do i = 1, max_iterations
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
       self%nexp = self%nexp + 1
@@ -304,7 +304,7 @@ contains
     if (self%on_algebra) then
       extra = self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1
       theta = self%scheme%theta(extra)
-      self%weight(:self%known) = self%h * self%scheme%row(:self%known, extra)
+      self%weight(:self%known) = self%h * self%scheme%node_weights(:self%known, extra)
       call combine(self%frame%dimension, self%known, self%weight, self%next, self%u)
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
@@ -374,16 +374,16 @@ contains
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
     real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
-    integer :: k, place(size(theta))         ! where each is in increasing order
+    integer :: k, rank(size(theta))          ! rank: of each fraction, the smallest first
 
-    place = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
+    rank = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
     inner%count = size(theta)
     inner%theta = theta
-    inner%theta(place) = theta
+    inner%theta(rank) = theta
     inner%y = y
     reached = self%y0
     call follow_flows(self, 1.0_wp, reached, inner)
-    y = inner%y(:, place)
+    y = inner%y(:, rank)
   end subroutine evaluate_inner
 
 end module interpolant_m

@@ -25,18 +25,18 @@ module method_m
     logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
-    integer :: final = 0                     ! the derivative at the end
+    integer :: final = 0                     ! number of the derivative at the end
     integer :: series = 0                    ! order up to which dexp^-1 is needed
     real(wp), allocatable :: theta(:)        ! (further) nodes
-    real(wp), allocatable :: row(:, :)       ! (derivatives, further) what leads there
+    real(wp), allocatable :: node_weights(:, :)        ! (derivatives, further) of k_j in u there
     real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
-    ! elsewhere
+    ! by flows
     integer :: nodes = 2
     real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
     real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
     real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
     real(wp), allocatable :: weight(:, :)    ! (stages, flows)
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, after kicks of splitting methods
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method, after kicks
   end type scheme_t
 
   type :: method_t
@@ -51,7 +51,7 @@ module method_m
     ! results
     integer :: result = 0                    ! the path to it
     integer :: embedded = 0, third = 0       ! the paths to a second and a third one, or 0
-    logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
+    logical, allocatable :: leads(:)         ! (0:paths) whether a path leads to a result
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
@@ -123,7 +123,7 @@ contains
         at_stages=kind == polynomial_kind, flat=any(kind == [algebra_kind, collocation_kind]), &
         final=int(record%final), series=int(record%output_series), &
         theta=reals(record%theta, record%further), c=reals(record%flow_c, stages))
-      scheme%row = reshape(reals(record%rows, m * record%further), [m, record%further])
+      scheme%node_weights = reshape(reals(record%rows, m * record%further), [m, record%further])
       scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
       allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))
       scheme%node(:, :) = transpose(reshape(reals(record%node, n * (n - 1)), [n - 1, n]))
