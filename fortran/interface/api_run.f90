@@ -102,7 +102,6 @@ contains
     bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
-  ! Frees a plan.
   subroutine plan_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -128,7 +127,6 @@ contains
     deallocate (run)
   end subroutine run_open
 
-  ! Frees a run.
   subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run

@@ -52,7 +52,6 @@ module run_m
 
 contains
 
-  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -60,7 +59,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
-  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -111,10 +109,8 @@ contains
         in_coordinates=logical(record%in_coordinates), exponent=record%exponent, &
         reals_per_entry=int(record%reals_per_entry), max_step=record%max_step)
       if (record%tolerances /= 0) then
-        associate (numbers => reals(record%tolerances, 2 * n))
-          run%tolerances%rtols = numbers(:n)
-          run%tolerances%atol = numbers(n + 1:)
-        end associate
+        run%tolerances%rtols = reals(record%tolerances, n)
+        run%tolerances%atol = reals(record%tolerances + 8 * n, n)
       end if
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
@@ -129,12 +125,11 @@ contains
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer, parameter :: max_inner = 64, max_inner_numbers = 2**22
-    integer :: i, lanes, members, points     ! points: that one flow along a polynomial computes
+    integer :: i, members, points            ! points: that one flow along a polynomial computes
     integer(int8) :: none(0)
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
-      lanes = int(record%lanes)
       call c_f_pointer(transfer(record%states, c_null_ptr), run%states, &
                        [n + state_columns, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
@@ -142,8 +137,8 @@ contains
       run%counters(:) = counters_t(status=paused)
       points = merge(run%output%outputs, 0, run%method%kind == polynomial_kind)
       points = min(points, max_inner, max(1, max_inner_numbers / n))
-      allocate (run%busy(lanes), source=.false., stat=alloc_status)
-      if (alloc_status == 0) allocate (run%lanes(lanes), run%inner%theta(points), &
+      allocate (run%busy(record%lanes), source=.false., stat=alloc_status)
+      if (alloc_status == 0) allocate (run%lanes(record%lanes), run%inner%theta(points), &
                                        run%inner%y(n, points), stat=alloc_status)
       if (alloc_status /= 0) return
       do i = 1, size(run%lanes)

@@ -125,7 +125,6 @@ contains
     associate (newton => x%collocation, n => size(x%collocation%pivot), &
                gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
       if (x%problem%record%jacobian == outside_jacobian) then
-        answer = 1.0_wp
         call x%frame%callback%apply(factor_operation, [real(x%member - 1, wp), gamma, mu], &
                                     [0.0_wp], answer)
         singular = .not. answer(1) <= 0
@@ -151,14 +150,13 @@ contains
     integer, intent(in) :: count
     real(wp), intent(inout) :: b(size(x%slope), count)
     complex(wp) :: solution(size(x%slope))
-    real(wp) :: numbers(size(b))
+    real(wp) :: solutions(size(b))
     integer :: info
 
     associate (newton => x%collocation, n => size(x%slope))
       if (x%problem%record%jacobian == outside_jacobian) then
-        numbers = [b]
-        call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
-        b = reshape(numbers, shape(b))
+        call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], solutions)
+        b = reshape(solutions, shape(b))
       else if (count == 1) then
         call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
       else
@@ -330,14 +328,12 @@ contains
   subroutine request_column(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (column => x%collocation%column)
-      x%v(:, 1) = 0.0_wp
-      x%v(column, 1) = x%collocation%z(column, 1)
-      call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%frame, 1, x%v, x%y(:, x%result))
-      x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t, x%y(:, x%result), phase_column_received)
-    end associate
+    x%v(:, 1) = 0.0_wp
+    x%v(x%collocation%column, 1) = x%collocation%z(x%collocation%column, 1)
+    call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
+    call apply_flows(x%frame, 1, x%v, x%y(:, x%result))
+    x%counts%nexp = x%counts%nexp + 1
+    call request(x, x%t, x%y(:, x%result), phase_column_received)
   end subroutine request_column
 
   ! Stores a column of the Jacobian, with zeros where coordinates that aren't controlled depend on

@@ -95,8 +95,8 @@ contains
     type(interpolant_t), intent(in) :: self
 
     next_count = self%known + 1
-    if (.not. allocated(self%scheme%drift)) return
-    if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
+    if (allocated(self%scheme%drift) .and. modulo(self%scheme%nodes - self%known, 2) == 0) &
+      next_count = self%known + 2
   end function next_count
 
   ! Gives an interpolant by flows its number of nodes, and the last flow, from z(1) to y1.

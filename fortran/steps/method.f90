@@ -134,7 +134,6 @@ contains
     end associate
   end subroutine make_scheme
 
-  ! The real numbers at an address
   function reals(address, count)
     integer(c_intptr_t), intent(in) :: address
     integer(c_int64_t), intent(in) :: count

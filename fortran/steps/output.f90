@@ -40,10 +40,9 @@ contains
     integer, parameter :: first_capacity = 64
     integer :: alloc_status
 
-    alloc_status = 0
     if (used == size(rows, 2, int64)) call add_columns(rows, first_capacity, alloc_status)
-    if (alloc_status == 0) used = used + 1
-    if (alloc_status /= 0) output%status = out_of_memory
+    if (used == size(rows, 2, int64)) output%status = out_of_memory
+    if (output%status == finished) used = used + 1
   end subroutine add_row
 
   ! Stores a point at an output time, and what is observed there.

@@ -151,32 +151,30 @@ contains
     if (x%control%attempts >= x%problem%record%max_steps) call fail(x, too_many_steps, x%t)
     if (x%status /= finished) return
     x%control%attempts = x%control%attempts + 1
-    associate (stop => x%problem%stops(x%segment))
-      if (x%problem%step_function%count > 0) then
-        call choose_reversibly(x, stop)
-      else if (x%problem%adaptive) then
-        call choose_adaptively(x, stop)
-      else
-        x%h = x%grid%step
-        x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
-        if (x%grid_done + 1 == x%grid%steps) then
-          x%h = x%grid%last
-          x%t_end = stop
-        end if
+    if (x%problem%step_function%count > 0) then
+      call choose_reversibly(x, x%problem%stops(x%segment))
+    else if (x%problem%adaptive) then
+      call choose_adaptively(x, x%problem%stops(x%segment))
+    else
+      x%h = x%grid%step
+      x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
+      if (x%grid_done + 1 == x%grid%steps) then
+        x%h = x%grid%last
+        x%t_end = x%problem%stops(x%segment)
       end if
-      if (x%status /= finished) return
-      if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
-      x%weight_h = x%h
-      x%stage = 1
-      x%collocation%iteration = 0
-      x%implicit%first_stage = 0
-      x%paths_followed = 0
-      x%end_known = .false.
-      x%phase = phase_next_stage
-      ! splitting methods that begin with a drift need no force at the start
-      if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
-    end associate
+    end if
+    if (x%status /= finished) return
+    if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
+    x%weight_h = x%h
+    x%stage = 1
+    x%collocation%iteration = 0
+    x%implicit%first_stage = 0
+    x%paths_followed = 0
+    x%end_known = .false.
+    x%phase = phase_next_stage
+    ! splitting methods that begin with a drift need no force at the start
+    if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
+    if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
   end subroutine choose_step
 
   ! Chooses the size and the end of the next step: the proposed one, within limits.
