@@ -26,8 +26,8 @@ module run_m
                             polynomial_kind, raised, raised_in_python, rhs_operation, &
                             state_columns, terminal_event
   use step_m, only: get_times, receive_answers, times_asked
-  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
-                          reserve_trajectory, set_start, trajectory_t
+  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_member, &
+                          query_numbers, query_time, reserve_trajectory, set_start, trajectory_t
   implicit none
   private
   public :: plan_t, run_t, drive, open_run, plan_at, run_at, read_functions, store_lane, wake
@@ -376,7 +376,7 @@ contains
   subroutine answer_rhs(run)
     type(run_t), target, intent(inout) :: run
     integer, allocatable :: requests(:)                ! these lanes
-    integer, allocatable :: asked(:)                   ! for how many times each asks
+    integer, allocatable :: asked(:)                   ! for how many times each asked
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
     integer :: i, k, m, alloc_status, n
@@ -421,9 +421,9 @@ contains
   ! Evaluates the functions of events that lanes wait for, vectorized ones at all points at once.
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
-    integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks
-    real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
-    real(wp), allocatable :: values(:)
+    integer, allocatable :: waiting(:), counts(:)      ! lanes, and how many queries each has
+    real(wp), allocatable :: query(:, :)     ! all queries, as in trajectory_t
+    real(wp), allocatable :: values(:)       ! of one event
     integer :: event, i, j, alloc_status, total
     logical :: failed
 
@@ -432,7 +432,7 @@ contains
       lanes(waiting)%status = finished
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
-      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), &
+      allocate (query(query_numbers + n + run%events%count, total), values(total), &
                 stat=alloc_status)
       if (alloc_status /= 0) lanes(waiting)%status = out_of_memory
       if (alloc_status /= 0) return
@@ -440,25 +440,24 @@ contains
       do i = 1, size(waiting)
         associate (lane => lanes(waiting(i)), count => counts(i))
           query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
-          member(total + 1:total + count) = real(lane%member - 1, wp)
           total = total + count
         end associate
       end do
       do event = 1, run%events%count
-        associate (asks => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
-                                .or. nint(query(query_event, :)) == event), &
-                   times => query(query_time, :), &
+        associate (asked => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
+                                 .or. nint(query(query_event, :)) == event), &
+                   members => query(query_member, :), times => query(query_time, :), &
                    points => query(query_numbers + 1:query_numbers + n, :))
-          if (size(asks) > 0 .and. run%events%table(event)%vectorized /= 0) then
-            call run%python%apply(events_operation, [real(event - 1, wp), times(asks), &
-                                  member(asks)], [points(:, asks)], values(:size(asks)))
+          if (size(asked) > 0 .and. run%events%table(event)%vectorized /= 0) then
+            call run%python%apply(events_operation, [real(event - 1, wp), times(asked), &
+                                  members(asked)], [points(:, asked)], values(:size(asked)))
           else
-            do j = 1, size(asks)
-              call run%events%value(nint(member(asks(j))) + 1, event, times(asks(j)), &
-                                    points(:, asks(j)), values(j), failed)
+            do j = 1, size(asked)
+              call run%events%value(nint(members(asked(j))) + 1, event, times(asked(j)), &
+                                    points(:, asked(j)), values(j), failed)
             end do
           end if
-          query(query_numbers + n + event, asks) = values(:size(asks))
+          query(query_numbers + n + event, asked) = values(:size(asked))
         end associate
       end do
       total = 0

@@ -205,7 +205,8 @@ contains
           return
         end if
         x%queries = x%queries + 1
-        x%query(:query_numbers + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%query(:query_numbers + size(y), x%queries) = [ &
+          real(event, wp), theta, t, real(x%member - 1, wp), y]
         x%status = needs_events
         return
       end if

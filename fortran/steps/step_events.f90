@@ -140,20 +140,18 @@ contains
   ! are requested together, then for each event those that its zeros need.
   subroutine try_to_find_zeros(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: endless, waits
-    real(wp) :: middle(size(x%events))                 ! values there
+    logical :: waits
+    real(wp) :: middle(size(x%events))                 ! values in the middle
     real(wp), allocatable :: theta(:), values(:, :)    ! (0:parts), (0:parts, events)
-    integer :: i, alloc_status, n
+    integer :: i, alloc_status, max_parts, n
 
     n = count_parts(x)
-    endless = abs(x%problem%stops(x%segment)) > huge(1.0_wp)
-    if (x%problem%adaptive .and. n > merge(parts_of_turn, max_adaptive_parts, &
-                                           endless .and. x%problem%record%common)) then
-      call reject_accepted_step(x, step_too_long, x%t)
-      return
-    end if
-    if (n > max_fixed_parts) then
-      call fail(x, step_too_long_for_events, x%t)
+    max_parts = merge(max_adaptive_parts, max_fixed_parts, x%problem%adaptive)
+    if (x%problem%adaptive .and. x%problem%record%common &
+        .and. abs(x%problem%stops(x%segment)) > huge(1.0_wp)) max_parts = parts_of_turn
+    if (n > max_parts) then
+      if (x%problem%adaptive) call reject_accepted_step(x, step_too_long, x%t)
+      if (.not. x%problem%adaptive) call fail(x, step_too_long_for_events, x%t)
       return
     end if
     x%zeros = [zero_t ::]
@@ -186,7 +184,7 @@ contains
   ! Evaluates the functions of all events at the ends of parts: every second one, then the others.
   subroutine evaluate_parts(x, middle, theta, values)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: middle(:)                  ! (events) values there, if they are known
+    real(wp), intent(in) :: middle(:)                  ! (events) values in the middle, if known
     real(wp), intent(out) :: theta(0:)                 ! (0:parts)
     real(wp), intent(inout) :: values(0:, :)           ! (0:parts, events)
     integer :: begin, k, n

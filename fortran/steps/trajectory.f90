@@ -30,8 +30,9 @@ module trajectory_m
     phase_error_received = 19, phase_detect_events = 20, phase_interpolant_start_received = 21, &
     phase_complete_step = 22, phase_step_shared = 23, phase_ended = 24
 
-  ! Rows of a query: its event, or 0 for all, the fraction of the step and the time
-  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
+  ! Rows of a query: its event, or 0 for all, fraction of the step, time, and member from 0
+  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, &
+    query_member = 4, query_numbers = 4
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! numbers and addresses from Python
