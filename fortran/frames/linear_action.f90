@@ -258,12 +258,12 @@ contains
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation; the pieces share the tolerance that is granted, since their errors add up.
-  ! Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their tolerance only.
-  subroutine move_polynomially(action, v, granted, y, inner)
+  ! cancellation; the pieces divide the share of the tolerances, since their errors add up.
+  ! Skew-Hermitian matrices preserve the norm of y, which polynomials preserve up to the tolerance.
+  subroutine move_polynomially(action, v, share, y, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
-    real(wp), intent(in) :: granted          ! part of the tolerances, 0 for that of rounding
+    real(wp), intent(in) :: share            ! of the tolerances; 0 for the level of rounding
     real(wp), intent(inout) :: y(:)          ! (point_size)
     type(inner_points_t), optional, intent(inout) :: inner   ! points to compute
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
@@ -290,9 +290,9 @@ contains
       if (present(inner)) &
         last = count(inner%theta(:inner%count) <= real(piece, wp) / real(pieces, wp))
       if (last < first) then
-        call apply_polynomial(action, d, granted / real(pieces, wp), y)
+        call apply_polynomial(action, d, share / real(pieces, wp), y)
       else
-        call apply_polynomial(action, d, granted / real(pieces, wp), y, &
+        call apply_polynomial(action, d, share / real(pieces, wp), y, &
                               real(pieces, wp) * inner%theta(first:last) - real(piece - 1, wp), &
                               inner%y(:, first:last))
         if (.not. (action%skew .and. length > 0)) cycle
@@ -349,10 +349,10 @@ contains
   !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
   ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
   ! are negligible by bounds of their norms. Points at other times are sums of the same y_k.
-  subroutine apply_polynomial(action, d, granted, y, times, inner)
+  subroutine apply_polynomial(action, d, share, y, times, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
-    real(wp), intent(in) :: granted          ! part of the tolerance
+    real(wp), intent(in) :: share            ! of the tolerances
     real(wp), intent(inout) :: y(action%point_size)
     real(wp), optional, intent(in) :: times(:)         ! from 0 to 1
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
@@ -368,7 +368,7 @@ contains
     norms = 0.0_wp
     norms(1) = maxval(abs(y))
     start = norms(1) * epsilon(y) / 8
-    tolerance = granted * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
+    tolerance = share * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
     negligible = omitted * max(start, tolerance) / real(size(d), wp)
     do k = 1, max_terms
       term = 0.0_wp

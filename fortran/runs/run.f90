@@ -236,16 +236,17 @@ contains
     run%record%raised = .false.
   end subroutine wake
 
-  ! Advances all lanes until all members have ended, or the budget is used up.
-  ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
-  ! Others of a vectorized function advance in rounds, whatever the budget is: it ends a call where
-  ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
-  ! of events come first, so that lanes wait for coefficients together.
+  ! Advances all lanes until all members have ended, or the budget of steps is used up. Lanes with
+  ! common steps have equal shares of it, so that none is ahead of the others. Other lanes of a
+  ! vectorized function advance in rounds, up to where all of them wait for coefficients or values;
+  ! the budget ends a call between rounds, so that calls of functions don't depend on it. Values of
+  ! events are answered first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, status
-    logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
+    logical :: waits, stops                  ! whether a lane waits for the maximum, or has paused
+    logical :: in_rounds
 
     budget = run%record%budget
     in_rounds = size(run%lanes) > 1 .and. .not. run%record%common &
@@ -275,7 +276,7 @@ contains
         call answer_events(run)
       else if (any(run%lanes%status == needs_rhs)) then
         call answer_rhs(run)
-      else if (waits .and. .not. stops) then         ! for the maximum of all
+      else if (waits .and. .not. stops) then           ! all lanes wait for the maximum
         run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
         where (run%busy) run%lanes%status = paused
       else
@@ -316,7 +317,7 @@ contains
     end associate
   end function advance_lane
 
-  ! Starts the next member in a lane, if there is one, and stores its initial point.
+  ! Starts the next member, if there is one, in a lane, and stores its initial point.
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -360,7 +361,7 @@ contains
   ! Stores the results of a call in the record.
   subroutine store_counters(run, budget)
     type(run_t), intent(inout) :: run
-    integer(int64), intent(in) :: budget               ! what is left of it, negative if exceeded
+    integer(int64), intent(in) :: budget               ! steps left of it, negative if exceeded
     integer :: i
 
     do i = 1, size(run%lanes)
@@ -375,8 +376,8 @@ contains
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine answer_rhs(run)
     type(run_t), target, intent(inout) :: run
-    integer, allocatable :: requests(:)                ! these lanes
-    integer, allocatable :: asked(:)                   ! for how many times each asked
+    integer, allocatable :: requests(:)                ! lanes that need coefficients
+    integer, allocatable :: asked(:)                   ! the number of times of each lane
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
     integer :: i, k, m, alloc_status, n

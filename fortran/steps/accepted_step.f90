@@ -70,7 +70,7 @@ contains
     integer :: k
 
     call find_zeros(x)
-    if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
+    if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
     x%phase = phase_complete_step
     x%needs_interpolant = .false.
     do k = 1, size(x%zeros)                 ! a stepper may interpolate in a step that an event ends
@@ -116,7 +116,7 @@ contains
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at an end of a step; after those at both ends its interpolant starts.
+  ! Stores the coefficients at an end of a step; with both ends its interpolant starts.
   subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -326,7 +326,7 @@ contains
       x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment
       if (.not. any(x%events%count >= x%problem%events%table%limit)) return
-      x%status = terminal_event                      ! from which a stepper goes on
+      x%status = terminal_event                        ! a stepper goes on after it
       where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
     end if
   end subroutine begin_next_step

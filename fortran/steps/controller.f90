@@ -5,7 +5,7 @@
 !
 ! the predictive controller of Gustafsson after n of at most m Newton iterations of a collocation
 ! method, where few rejections matter more than smooth sizes: Hairer, Wanner, "Solving Ordinary
-! Differential Equations II", sections IV.2 and IV.8. The first size is that of volume I, II.4.
+! Differential Equations II", 1996, sections IV.2 and IV.8. For the first size see volume I, II.4.
 module controller_m
   use kinds, only: wp
   use shared_numbers, only: before_last_power, blind_fraction, failure_factor, first_error, &
@@ -16,9 +16,9 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, resolution, tried_size
 
-  ! Steps of collocation methods grow by at least `worthwhile`, since factors serve one size.
-  real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
-  real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
+  ! Steps of collocation methods grow by `min_growth` or not at all, since factors serve one size.
+  real(wp), parameter :: max_predicted = 10.0_wp, min_growth = 1.2_wp
+  real(wp), parameter :: min_last_predicted = 1e-2_wp  ! least e_last
   integer, parameter :: max_iterations = 7             ! Newton iterations
 
 contains
@@ -43,7 +43,7 @@ contains
     if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) * taken
   end function rejected_size
 
-  ! The size after a shortened step: that proposed before it, as far as its error allows
+  ! The size after a shortened step: the size proposed before it, as far as its error allows
   pure real(wp) function resumed_size(proposed, taken, error, exponent)
     real(wp), intent(in) :: proposed, taken, error, exponent
 
@@ -74,7 +74,7 @@ contains
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
     integer, intent(in) :: iterations      ! Newton iterations
-    logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
+    logical, intent(in) :: keeps_factors   ! whether factors can serve a next step of this size
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error
     real(wp) :: factor
@@ -90,7 +90,7 @@ contains
                / real(2 * max_iterations + iterations, wp)
       factor = min(max_predicted, max(min_factor, factor))
     end if
-    if (error <= 1 .and. factor < worthwhile .and. keeps_factors) factor = 1.0_wp
+    if (error <= 1 .and. factor < min_growth .and. keeps_factors) factor = 1.0_wp
     predicted_size = taken * factor
   end function predicted_size
 

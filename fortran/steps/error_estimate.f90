@@ -9,11 +9,11 @@
 ! form at_end_estimate (same file) e2, of a sum that sees the end of the step, which results don't,
 ! isn't a divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
 !
-! Two such differences have two parts: that of the quadratures, where all values of f commute, and
-! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
-! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
-! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods. The
-! forms parts_of_..._estimate say where the parts come from.
+! Two such differences have two parts, the quadratures, where all values of f commute, and the rest,
+! from commutators. Where f changes along its own direction, and hardly in others, e2 is all
+! quadrature and e1 is all commutators, and the quotient says nothing. Thus each part has a quotient
+! of its own, and the estimate is the larger one, or their sum for Magnus methods. An EstimateForm
+! (cg/support/shared_numbers.py) says where the parts come from.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
@@ -25,7 +25,7 @@
 ! and D prod_j (t - t_j), which is O(h^(n - 1)) for smooth coefficients, estimates how much they
 ! differ from it within the step. In the first step of all there are none before, and quotients say
 ! nothing if the nodes don't resolve the coefficients, such as several periods: e1 itself counts, or
-! else e2, unless they are small compared with their variation.
+! else e2, unless they are small compared with the variation of the coefficients.
 module error_estimate_m
   use kinds, only: wp
   use collocation_m, only: damp_displacement
@@ -140,7 +140,7 @@ contains
     end associate
   end subroutine difference_norms
 
-  ! Replaces an error by another one that is larger, as NaN counts.
+  ! Replaces an error by a larger one; NaN is larger than any number.
   pure subroutine take_larger(error, other)
     real(wp), intent(inout) :: error
     real(wp), intent(in) :: other
@@ -148,7 +148,7 @@ contains
     if (.not. other <= error) error = other
   end subroutine take_larger
 
-  ! Raises the error of a step of a Magnus method where differences may vanish by chance.
+  ! Raises the error of a step of a Magnus method, whose differences may vanish by chance.
   subroutine raise_by_change(x, rest)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: rest    ! the rest of e2

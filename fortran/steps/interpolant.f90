@@ -9,10 +9,10 @@
 !
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
-! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
-! with n nodes leads, or of splitting methods those at n + 2. For linear equations with flows along
-! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
-! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
+! Nodes are added one at a time, with splitting methods two: the coefficients at n + 1 nodes are
+! evaluated where the interpolant with n nodes leads. For linear equations with flows along
+! polynomials, z with nodes at the stages is y, without a last flow. The coefficients of a splitting
+! method are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
 ! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order
@@ -28,8 +28,8 @@
 !   u(theta) = h sum_d phi_d(theta) sum_j basis_jd k_j,
 !   phi_d = theta, theta (1 - theta), theta^2 (1 - theta), theta^2 (1 - theta)^2, ...,
 !
-! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
-! the mean u(1) / h, then that at the end, and those at further nodes, where the ones before lead.
+! in derivatives k_j of coordinates: at the stages of a flat method, or at the start and the mean
+! u(1) / h; then at the end, and at further nodes, to each of which the k_j before it lead.
 module interpolant_m
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
@@ -125,7 +125,7 @@ contains
     self%complete = nodes == self%scheme%nodes
   end subroutine add_last_flow
 
-  ! Computes a difference of nearby points on any frame, by an operation where it isn't known here.
+  ! Computes a difference of nearby points on any frame, in Python where it isn't known here.
   subroutine difference_nearby(frame, x, y, operation, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)
@@ -193,7 +193,7 @@ contains
 
   ! Starts an interpolant from the ends and the stages of its step.
   subroutine begin_interpolant(unique_flows, stages, self, exists)
-    logical, intent(in) :: unique_flows      ! whether coordinates are known from the ends
+    logical, intent(in) :: unique_flows      ! whether the ends determine coordinates
     real(wp), intent(in) :: stages(:, :)     ! (dimension, stages) of a flat method, derivatives
     type(interpolant_t), intent(inout) :: self
     logical, intent(out) :: exists           ! false if the step is too long for coordinates
@@ -269,13 +269,13 @@ contains
       if (exists) exit
     end do
     self%next(:, 2) = self%u / self%h
-    self%u = self%h * self%next(:, 2)        ! with the rounding of what is evaluated
+    self%u = self%h * self%next(:, 2)        ! rounded as by evaluate_interpolant
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the
   ! cubic of Hermite, or a multiple of those of y1 where the derivative at the end doesn't exist.
   subroutine make_cubic(exists, self)
-    logical, intent(in) :: exists            ! as from begin_interpolant
+    logical, intent(in) :: exists            ! the result of begin_interpolant
     type(interpolant_t), intent(inout) :: self
 
     if (.not. self%on_algebra) return           ! the interpolant has two nodes already
@@ -314,7 +314,7 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, nodes are used when all are known.
+  ! Stores the coefficients at the node. By flows, new nodes are used together.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self

@@ -1,4 +1,4 @@
-! A method as paths of flows between points: stages, results, and forks of paths.
+! A method as paths of flows between points: stages, results, and points where paths fork.
 module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
@@ -41,16 +41,16 @@ module method_m
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind: by it step.f90 and paths.f90 choose
-    ! paths, each after the path to its start
-    integer, allocatable :: origin(:)        ! (paths) that path, 0 for the start of the step
+    ! paths
+    integer, allocatable :: origin(:)        ! (paths) the path before, 0 for the start of the step
     integer, allocatable :: path_first(:)    ! (paths + 1) first flow
     type(flow_sequence_t) :: flows           ! flows of all paths, with fields at the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
     ! results
-    integer :: result = 0                    ! the path to it
-    integer :: embedded = 0, third = 0       ! the paths to a second and a third one, or 0
+    integer :: result = 0                    ! the path to the result
+    integer :: embedded = 0, third = 0       ! paths to a second and a third result, or 0
     logical, allocatable :: leads(:)         ! (0:paths) whether a path leads to a result
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
@@ -58,7 +58,7 @@ module method_m
     integer :: estimate = whole_estimate     ! an EstimateForm
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
-    type(transformation_t) :: transformation ! for a collocation method
+    type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! power of a quotient, see error_estimate_m
     real(wp) :: factor = 1.0_wp              ! factor of the second estimate in the quotient

@@ -1,5 +1,5 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
-! flows of the frame, that of the lowest stage first. Kinds of methods differ:
+! flows of the frame, the flow of the lowest stage first. Kinds of methods differ:
 !
 ! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
 ! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
@@ -45,8 +45,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: parts(2)                     ! what is before the middle, of kick and drift
-    integer :: middle                        ! the path that has the middle of the step
+    real(wp) :: parts(2)                     ! shares of kick and drift before the middle
+    integer :: middle                        ! the path with the middle of the step
 
     middle = size(x%method%origin) - size(x%method%c) / 2
     if (.not. x%problem%record%heated .or. path /= middle) then
@@ -97,13 +97,11 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer :: status
 
-    associate (n => x%frame%linkage%momenta_offset)
-      if (x%joints%constraints%factored) then
-        if (all(x%joints%configuration == y(:n))) return
-      end if
-      x%joints%configuration = y(:n)
-      call constraints_at(x%frame, y, 1, x%joints%constraints, status)
-    end associate
+    if (x%joints%constraints%factored) then
+      if (all(x%joints%configuration == y(:x%frame%linkage%momenta_offset))) return
+    end if
+    x%joints%configuration = y(:x%frame%linkage%momenta_offset)
+    call constraints_at(x%frame, y, 1, x%joints%constraints, status)
     if (status /= finished) call fail(x, status, x%t)
   end subroutine find_constraints
 
@@ -233,7 +231,7 @@ contains
     x%stage = 2
   end subroutine start_explicit
 
-  ! Requests the coefficients at the point of a stage, of functions of time without moving there.
+  ! Requests the coefficients at the point of a stage; a function of time needs no point.
   subroutine request_on_path(x)
     type(trajectory_t), intent(inout) :: x
     integer :: path
@@ -248,7 +246,7 @@ contains
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
 
-  ! Stores the coefficients at a stage, on the Lie algebra as dexp^-1_u f.
+  ! Stores the coefficients f at a stage, on the Lie algebra dexp^-1_u f.
   subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -282,7 +280,7 @@ contains
     x%phase = phase_next_stage
   end subroutine receive_explicit
 
-  ! Moves the point along h b Z.
+  ! Moves the point of a method of two registers along h b_i Z_i.
   subroutine move_along_register(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -219,31 +219,29 @@ contains
     real(wp), parameter :: near = 1e-2_wp    ! the fraction of a step in the difference of s
     integer :: i
 
-    associate (h_next => x%control%step_size)
-      v = 0.0_wp
-      call add_free_motion(x%frame, x%y(:, 0), v)
-      v(x%frame%forces + 1:) = 0.0_wp
-      call evaluate_size(x, 0 * v, values(0))
-      offset = near * x%problem%record%h * values(0)
-      do i = -1, 1, 2
-        if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
-      end do
-      if (x%status == raised) return
-      log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
-                   / (2 * offset)
-      if (h_next > 0) then
-        density = x%problem%record%h / h_next - log_change
-      else
-        density = 1 / values(0) - log_change / 2
-      end if
-      if (density > 0) h_next = x%problem%record%h / density
-      x%h = sign(h_next, stop - x%t)
-      x%t_end = x%t + x%h
-      if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
-      if (abs(x%t_end - x%t) < (1 - epsilon(1.0_wp)) * abs(stop - x%t)) return
-      x%t_end = stop
-      x%h = stop - x%t
-    end associate
+    v = 0.0_wp
+    call add_free_motion(x%frame, x%y(:, 0), v)
+    v(x%frame%forces + 1:) = 0.0_wp
+    call evaluate_size(x, 0 * v, values(0))
+    offset = near * x%problem%record%h * values(0)
+    do i = -1, 1, 2
+      if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
+    end do
+    if (x%status == raised) return
+    log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
+                 / (2 * offset)
+    if (x%control%step_size > 0) then
+      density = x%problem%record%h / x%control%step_size - log_change
+    else
+      density = 1 / values(0) - log_change / 2
+    end if
+    if (density > 0) x%control%step_size = x%problem%record%h / density
+    x%h = sign(x%control%step_size, stop - x%t)
+    x%t_end = x%t + x%h
+    if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
+    if (abs(x%t_end - x%t) < (1 - epsilon(1.0_wp)) * abs(stop - x%t)) return
+    x%t_end = stop
+    x%h = stop - x%t
   end subroutine choose_reversibly
 
   ! Evaluates the function at the end of a flow; the trajectory fails unless it is positive.
