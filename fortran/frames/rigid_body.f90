@@ -78,8 +78,7 @@ contains
     n = matmul(before, top%axes) + matmul(before, top%digits)
     about = [n(1)**2 * top%gap(1), n(3)**2 * top%gap(2)]
     swapped = about(1) > about(2) .or. (about(1) == about(2) .and. top%gap(1) > top%gap(2))
-    order = [1, 2, 3]
-    if (swapped) order = [3, 2, 1]
+    order = merge([3, 2, 1], [1, 2, 3], swapped)
     n = n(order)
     signs = [1.0_wp, merge(-1.0_wp, 1.0_wp, swapped), 1.0_wp]
     if (n(3) < 0) signs(2:3) = -signs(2:3)

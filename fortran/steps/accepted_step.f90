@@ -307,11 +307,10 @@ contains
     end if
     x%t = t
     x%y(:, 0) = y
-    x%phase = phase_choose_step
+    x%phase = merge(phase_begin_segment, phase_choose_step, at_stop)
     x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
     if (jumps) call forget_step(x)
-    if (at_stop) x%phase = phase_begin_segment
     if (.not. by_event) then
       x%events%at_start = x%events%at_end
     else if (any(x%events%count >= x%problem%events%table%limit) &

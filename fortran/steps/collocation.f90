@@ -72,8 +72,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (x%collocation%factored_h == 0) return
-    call factor(x, x%collocation%factored_h, singular)
+    if (x%collocation%factored_h /= 0) call factor(x, x%collocation%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.

@@ -112,13 +112,11 @@ contains
 
     e = 0.0_wp
     associate (method => x%method, sums => size(x%method%error, 2), u => x%norms%displacement)
-      if (method%embedded > 0 .and. .not. method%in_parts) &
-        e(1, 1) = distance(x, method%embedded)
+      if (method%embedded > 0 .and. .not. method%in_parts) e(1, 1) = distance(x, method%embedded)
       do k = 1, sums
         i = merge(1, 2, k <= (sums + 1) / 2)
         if (method%estimate == at_end_estimate) i = 1 + k
-        part = 1
-        if (method%estimate == parts_of_sums_estimate) part = 2 - mod(k, 2)
+        part = merge(2 - mod(k, 2), 1, method%estimate == parts_of_sums_estimate)
         weight = x%h * method%error(:, k)
         if (size(x%added) > 0) then
           call combine(size(u), size(x%f, 2), weight, x%added, u)

@@ -70,7 +70,6 @@ module method_m
 
 contains
 
-  ! Makes a method from its table.
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method

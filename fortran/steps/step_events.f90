@@ -222,8 +222,7 @@ contains
 
     angle = 0.0_wp
     do column = 0, x%result, x%result        ! both ends of the step
-      x%v(:, 1) = x%slope
-      if (column > 0) x%v(:, 1) = x%end_slope
+      x%v(:, 1) = merge(x%slope, x%end_slope, column == 0)
       ! coefficients of splitting methods are forces alone
       if (x%method%kind == splitting_kind) call add_free_motion(x%frame, x%y(:, column), x%v)
       x%v(:, 1) = x%h * x%v(:, 1)

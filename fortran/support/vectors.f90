@@ -69,7 +69,6 @@ module vectors_m
 
 contains
 
-  ! Tells whether all numbers are finite.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
