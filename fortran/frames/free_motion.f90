@@ -11,12 +11,12 @@ module free_motion_m
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: euclidean_block, finished, joints_not_solved, sphere_block
-  use vectors_m, only: cross
+  use vectors_m, only: cross, finite
   implicit none
   private
-  public :: add_constraint_forces, add_free_motion, close_joints, constraints_at, drift, &
-            is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
-            take_forces, without_opening
+  public :: add_constraint_forces, add_free_motion, close_joints, complete_forces, constraints_at, &
+            drift, is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
+            without_opening
 
 contains
 
@@ -65,16 +65,23 @@ contains
 
   end subroutine make_bodies
 
-  ! Moves the forces that a right-hand side has returned to their places among the coefficients.
-  pure subroutine take_forces(frame, y, f)
+  ! Makes coefficients of the forces that a right-hand side has returned at the beginning of f. Forces
+  ! alone are the coefficients of splitting methods, which follow free motion by themselves.
+  subroutine complete_forces(frame, y, forces_alone, with_joints, f, status)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: y(frame%point_size)
-    real(wp), intent(inout) :: f(frame%dimension)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    logical, intent(in) :: forces_alone, with_joints   ! with_joints: whether to add their forces
+    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
+    integer, intent(out) :: status                     ! see constraints_at
 
+    status = finished
     f(frame%forces + 1:) = f(:frame%forces)
     f(:frame%forces) = 0.0_wp
     call make_tangential(frame, y, f(frame%forces + 1:))
-  end subroutine take_forces
+    if (.not. forces_alone) call add_free_motion(frame, y, f)
+    if (frame%jointed .and. with_joints .and. finite(size(f), f)) &
+      call add_constraint_forces(frame, y, forces_alone, f, status)
+  end subroutine complete_forces
 
   ! Makes forces or momenta tangential: on a sphere they have no component along the point.
   pure subroutine make_tangential(frame, configuration, vector)

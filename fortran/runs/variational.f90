@@ -10,7 +10,7 @@
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
-  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
+  use free_motion_m, only: complete_forces
   use coordinates_m, only: coordinate_sizes
   use derivatives_m, only: coefficients_of
   use frames_m, only: apply_flows
@@ -254,11 +254,8 @@ contains
       end if
       call call_function(self, record%f, record%f_data, y, f)
       if (self%code /= 0 .or. frame%forces == 0) return
-      call take_forces(frame, y, f)
-      if (record%forces_alone) return
-      call add_free_motion(frame, y, f)
-      if (.not. frame%jointed .or. .not. finite(size(f), f)) return
-      call add_constraint_forces(frame, y, forces_alone=.false., f=f, status=status)
+      call complete_forces(frame, y, logical(record%forces_alone), &
+                           .not. logical(record%forces_alone), f, status)
       if (status == raised) self%code = raised_in_python
       if (status /= finished) f = nan
     end associate

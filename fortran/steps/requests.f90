@@ -4,7 +4,7 @@
 ! Vectorized events are requested likewise; a phase that needs their values begins again with them.
 module requests_m
   use kinds, only: wp
-  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
+  use free_motion_m, only: complete_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
@@ -75,19 +75,13 @@ contains
 
     associate (f => x%request%answer, code => x%request%detail)
       if (code == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
-        call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
-        if (.not. splits) call add_free_motion(x%frame, y, f)
         ! splitting methods add impulses of joints to kicks, their interpolants need the forces
-        if (x%frame%jointed .and. finite(size(f), f) .and. &
-            (.not. splits .or. x%phase == phase_node_received)) then
-          call add_constraint_forces(x%frame, y, splits, f, status)
-          if (status /= finished) then
-            if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
-            if (status /= joints_not_solved) call fail(x, status, x%request%t)
-            return
-          end if
-        end if
+        call complete_forces(x%frame, y, splits, .not. splits .or. x%phase == phase_node_received, &
+                             f, status)
+        if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
+        if (all(status /= [finished, joints_not_solved])) call fail(x, status, x%request%t)
+        if (status /= finished) return
       end if
       if (code == 0 .and. finite(size(f), f)) then
         x%status = finished
