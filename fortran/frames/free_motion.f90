@@ -65,7 +65,7 @@ contains
 
   end subroutine make_bodies
 
-  ! Makes coefficients of the forces that a right-hand side has returned at the beginning of f. Forces
+  ! Makes coefficients of the forces that a right-hand side has returned at the beginning of f. They
   ! alone are the coefficients of splitting methods, which follow free motion by themselves.
   subroutine complete_forces(frame, y, forces_alone, with_joints, f, status)
     type(frame_t), intent(in) :: frame

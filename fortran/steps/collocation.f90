@@ -257,7 +257,7 @@ contains
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
 
-  ! Tries again with a Jacobian at the present point, or if it is there, with a smaller step.
+  ! Tries again with a fresh Jacobian, or with a smaller step if the Jacobian is fresh already.
   subroutine retry_or_reject(x)
     type(trajectory_t), intent(inout) :: x
 

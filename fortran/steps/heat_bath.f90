@@ -35,7 +35,7 @@ contains
     real(wp), intent(in) :: t, time          ! t: of the step; time: how long heat is exchanged
     real(wp), intent(inout) :: y(frame%point_size)
     real(wp) :: noise(frame%forces + 3), decay, deviation
-    integer(int64) :: tick                   ! of which the noise is a function
+    integer(int64) :: tick                   ! the noise is a function of it
     integer :: i, k
 
     ! the time in units of h / 2^20, by which times that differ by rounding are equal

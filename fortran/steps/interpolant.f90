@@ -9,10 +9,10 @@
 !
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
-! Nodes are added one at a time, with splitting methods two: the coefficients at n + 1 nodes are
-! evaluated where the interpolant with n nodes leads. For linear equations with flows along
-! polynomials, z with nodes at the stages is y, without a last flow. The coefficients of a splitting
-! method are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
+! Nodes are added one at a time, with splitting methods two: the coefficients at n + 1 (n + 2)
+! nodes are evaluated where the interpolant with n nodes leads. For linear equations with flows
+! along polynomials, z with nodes at the stages is y, without a last flow. The coefficients of a
+! splitting method are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
 ! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order

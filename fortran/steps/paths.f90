@@ -1,10 +1,13 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
 ! flows of the frame, the flow of the lowest stage first. Kinds of methods differ:
 !
-! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
-! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
-! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
-! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
+! Explicit stages: each point is reached from coefficients that are known (E. Celledoni, A.
+! Marthinsen, B. Owren, "Commutator-free Lie group methods", FGCS 19 (2003)). On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0 (H. Munthe-Kaas,
+! "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29 (1999)). Methods of two
+! registers (A. Bazavov, arXiv:2007.04225, 2020) have Z_i = a_i Z_(i-1) + f_i and y_i =
+! exp(h b_i Z_i) y_(i-1), with the register Z in place of coefficients at stages, and y_i in place
+! of the ends of paths; the last y_i is the result.
 !
 ! RATTLE (H. C. Andersen, J. Comput. Phys. 52 (1983)): kicks and drifts of mechanical systems with
 ! joints. Impulses along the derivatives G of constraints before each drift close them at its end,
@@ -109,7 +112,7 @@ contains
   subroutine drift_closed(x, time, path, y)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: time                       ! of the drift
-    integer, intent(in) :: path                        ! that the drift belongs to
+    integer, intent(in) :: path                        ! the path of the drift
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, parameter :: max_iterations = 50
     real(wp) :: y_start(size(y)), lambda(size(x%joints%constraints%g)), opening

@@ -135,7 +135,7 @@ contains
     end if
   end subroutine reject_accepted_step
 
-  ! Tries a step again, with a smaller size, that was accurate.
+  ! Tries an accurate step again with a smaller size.
   subroutine retry_step(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -9,7 +9,7 @@
 !
 ! A zero between two points where g has opposite signs is found by inverse quadratic interpolation
 ! where that is sure to converge, else by bisection: T. R. Chandrupatla, "A new hybrid quadratic/
-! bisection algorithm", Adv. Eng. Software 28 (1997) 145-149. Zeros at the same time are one event.
+! bisection algorithm", Adv. Eng. Software 28 (1997). Zeros at the same time happen together.
 module step_events_m
   use controller_m, only: resolution
   use frames_m, only: turning

@@ -245,8 +245,7 @@ contains
       paths = merge(1, size(method%origin), method%kind == registers_kind)
       summands = merge(1, size(method%error, 1), method%kind == registers_kind)
       x%result = merge(1, method%result, method%kind == registers_kind)
-      width = 0
-      if (problem%adaptive) width = size(problem%tolerances%atol)
+      width = merge(size(problem%tolerances%atol), 0, problem%adaptive)
       allocate (x%request%y(n), x%request%slope(merge(n, 0, frame%derivatives)), &
                 x%request%answer(m), x%weight(size(method%flows%weight)), &
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
