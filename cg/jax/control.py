@@ -338,7 +338,7 @@ def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArr
     """Return the largest change of the coefficients in the step, or the error if it is larger.
 
     The estimate isn't believed at large angles, but constant coefficients may turn by any angle.
-    ``limit_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
+    ``raise_by_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
     angle.
     """
     largest = rules.field(changes[jnp.argmax((changes**2).sum(axis=1))], y1)

@@ -167,7 +167,7 @@ INPUT = {
     "powers": "integer",
     "pieces": "integer",
     "width": "integer",
-    "place": "integer",  # numbers in the data of a member before the values
+    "offset": "integer",  # numbers in the data of a member before the values
     "starts": "address",  # first times of the pieces
     "coefficients": "address",  # (powers, pieces, width)
     "stride": "integer",  # bytes from the coefficients of one member to those of the next

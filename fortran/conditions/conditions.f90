@@ -6,8 +6,8 @@
 ! adjoint of the weight of a word t at the end of a segment is carried on to what that weight
 ! is made of: to the weights of shorter words at the end of the segment before, and to those of
 ! the letters of t at the stages that the segment's flows use. Z(p, m) is the derivative of the
-! weight of a segment by the letter of point p at place m of the word t. It sums over all subwords
-! that the flow to p may take around place m, with i letters before it and j after:
+! weight of a segment by the letter of point p at position m of the word t, a sum over all subwords
+! that the flow to p may take around position m, with i letters before it and j after:
 !
 !     Z(p, m) = sum_ij i! j! / (i + j + 1)! left_p(..) E_p(i letters) E_p(j letters) right_p(..),
 !
@@ -15,7 +15,7 @@
 ! the forward direction every weight would carry derivatives by all unknowns, most of them zero
 ! (A. Griewank, A. Walther, Evaluating Derivatives, SIAM, 2008).
 !
-! The rows of results are the last, and what they need is single words, one for each condition:
+! Results are at the ends of the last segments, and need single words, one for each condition:
 ! there Z runs over the whole path from the start, so that no adjoints of long words are kept.
 module conditions_m
   use kinds, only: wp
@@ -44,7 +44,7 @@ module conditions_m
 contains
 
   ! Computes the weights of all words by the flows after each point of chains, and by whole chains.
-  subroutine later_points(weights, start, e, right, whole)
+  subroutine find_right(weights, start, e, right, whole)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: start(:)                    ! (chains + 1) first points of chains
     real(wp), intent(in), contiguous :: e(:, :)        ! (points, stage_trees), others may follow
@@ -70,7 +70,7 @@ contains
         whole(r, t) = total
       end do
     end do
-  end subroutine later_points
+  end subroutine find_right
 
   ! Adds derivatives of conditions on a result by x on its path, and adjoints at ends of segments.
   subroutine seed(weights, path, trees, selected, jac, adjoint)
@@ -92,10 +92,10 @@ contains
     e = weights%e(path, :)
     left = weights%left(path, :)
     allocate (right(n, weights%stage_trees))
-    call later_points(weights, [1, n + 1], e, right, whole)
+    call find_right(weights, [1, n + 1], e, right, whole)
     do row = 1, size(trees)
       if (trees(row) == 0 .or. .not. selected(row)) cycle
-      call by_letter(e, left, right, trees(row), n, z)
+      call letter_derivatives(e, left, right, trees(row), n, z)
       do m = 1, child_start(trees(row) + 1) - child_start(trees(row))
         letter = child(child_start(trees(row)) + m - 1)
         do k = 1, weights%pattern%unknowns
@@ -139,9 +139,9 @@ contains
   ! Carries adjoints on to the weights that weights at the ends of inner segments are made of, and
   ! computes the derivatives of these by x. Trees with many nodes come first: parts of a word have
   ! fewer nodes, so that this order serves explicit and implicit methods alike.
-  subroutine sweep(weights, first_for, direct, adjoint)
+  subroutine sweep(weights, first_row, direct, adjoint)
     class(weights_t), intent(in) :: weights
-    integer, intent(in) :: first_for(:)            ! (order)
+    integer, intent(in) :: first_row(:)            ! (order)
     real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: t, m, letter, first, k, i, s, inner
@@ -153,9 +153,9 @@ contains
       inner = pattern%segment_start(pattern%inner + 1) - 1
       allocate (z(inner, weights%order), right(inner, weights%stage_trees))
       allocate (whole(pattern%inner, weights%stage_trees))
-      call later_points(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
+      call find_right(weights, pattern%segment_start(:pattern%inner + 1), weights%e, right, whole)
       do t = weights%stage_trees, 2, -1
-        first = first_for(node_count(t))
+        first = first_row(node_count(t))
         ! a segment that begins elsewhere multiplies the weights of the one before by its own
         do s = pattern%inner, 1, -1
           associate (origin => pattern%origin(s))
@@ -167,7 +167,7 @@ contains
             end do
           end associate
         end do
-        call by_letter(weights%e, weights%left, right, t, inner, z)
+        call letter_derivatives(weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
           letter = child(child_start(t) + m - 1)
           do k = 1, size(direct, 2)
@@ -184,8 +184,8 @@ contains
     end associate
   end subroutine sweep
 
-  ! Computes Z(p, m), the derivatives by the letter at place m of a word, at the first points.
-  subroutine by_letter(e, left, right, t, points, z)
+  ! Computes Z(p, m), the derivatives by the letter at position m of a word, at the first points.
+  subroutine letter_derivatives(e, left, right, t, points, z)
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
     integer, intent(in) :: t, points                     ! t: the word
     real(wp), intent(inout), contiguous :: z(:, :)   ! (points, order), columns 1..children set
@@ -206,7 +206,7 @@ contains
         end do
       end do
     end do
-  end subroutine by_letter
+  end subroutine letter_derivatives
 
   ! Euler's B(p + 1, q + 1) = p! q! / (p + q + 1)!, by which a letter between p and q others counts
   pure real(wp) function beta(p, q)
@@ -276,12 +276,12 @@ contains
     real(wp), allocatable :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     integer :: s, k, t, first, unknowns
     ! first condition that weights of n nodes enter: one of n + 1 nodes, or an assumption of n
-    integer :: first_for(self%weights%order)
+    integer :: first_row(self%weights%order)
 
     call self%weights%evaluate_trees(x)
     associate (weights => self%weights, pattern => self%weights%pattern, trees => self%trees, &
                owner => self%owner)
-      first_for = [(findloc([trees >= tree_start(s + merge(0, 1, owner > 0)), .true.], .true., 1), &
+      first_row = [(findloc([trees >= tree_start(s + merge(0, 1, owner > 0)), .true.], .true., 1), &
                     s=1, weights%order)]
       unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
       allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)
@@ -290,9 +290,9 @@ contains
       call seed(weights, weights%result_path, trees, owner == first_result, jac, adjoint)
       call seed(weights, weights%second_path, trees, owner == second_result, jac, adjoint)
       call seed_assumptions(weights, trees, owner, jac, adjoint)
-      if (unknowns > 0) call sweep(weights, first_for, direct, adjoint)
+      if (unknowns > 0) call sweep(weights, first_row, direct, adjoint)
       do t = 2, weights%stage_trees
-        first = first_for(node_count(t))
+        first = first_row(node_count(t))
         do k = 1, unknowns
           jac(first:, k) = jac(first:, k) + direct(t, k) * adjoint(first:, t, pattern%segment(k))
         end do

@@ -21,8 +21,8 @@ module levenberg_marquardt_m
     real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
     ! (n): D, positive; if it isn't given, it comes from the columns of J
     real(wp), allocatable :: diag(:)
-    integer :: info = improper_input         ! a Status, or the negative outcome of the problem
-    integer :: nfev = 0                      ! evaluations, those for differences included
+    integer :: info = improper_input         ! an LmdifStatus, or a negative outcome of the problem
+    integer :: nfev = 0                      ! evaluations, including the ones for differences
     real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
     integer, allocatable :: ipvt(:)          ! (n): its pivots
     real(wp), allocatable :: qtf(:)          ! (n): first n elements of Q^T f
@@ -42,7 +42,7 @@ contains
     real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par, actual, predicted, slope, ratio
     real(wp), allocatable :: ftrial(:)  ! (m)
     integer :: iteration
-    logical :: given                    ! whether D is
+    logical :: given                    ! whether D is given
 
     fvec = 0
     allocate (ftrial(size(fvec)), solver%fjac(size(fvec), size(x)), solver%qtf(size(x)), &
@@ -112,18 +112,18 @@ contains
     type(lmdif_t), intent(inout) :: solver
     real(wp), intent(inout), contiguous :: work(:)     ! (m)
     real(wp), intent(out) :: acnorm(:)                 ! (n): norms of the Jacobian's columns
-    real(wp) :: diagonal(size(x)), step, held
+    real(wp) :: diagonal(size(x)), step, x_j
     integer :: j
 
     associate (qr => solver%fjac)
       do j = 1, size(x)
-        held = x(j)
-        step = sqrt(max(solver%epsfcn, eps)) * abs(held)
+        x_j = x(j)
+        step = sqrt(max(solver%epsfcn, eps)) * abs(x_j)
         if (.not. step > 0) step = sqrt(max(solver%epsfcn, eps))
-        x(j) = held + step
+        x(j) = x_j + step
         call problem%residual(x, qr(:, j), solver%info)
         solver%nfev = solver%nfev + 1
-        x(j) = held
+        x(j) = x_j
         if (stop_requested(problem%stop_flag)) solver%info = stopped_by_user
         if (solver%info < 0) return
         qr(:, j) = (qr(:, j) - fvec) / step

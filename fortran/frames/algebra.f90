@@ -3,7 +3,7 @@
 ! = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., on most blocks in closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: amplifies, beta, block_t, commute, last_term, radius, series_below
+  use blocks_m, only: amplifies, beta, block_t, last_term, radius, series_below, zero_bracket
   use frames_m, only: frame_t
   use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
                             isospectral_block, se3_block, so_block, su_block, u_block
@@ -22,25 +22,25 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: u(:), v(:)   ! (dimension)
     real(wp), contiguous, intent(out) :: w(:)        ! (dimension)
-    real(wp) :: sign
+    real(wp) :: side
     integer :: i
 
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2)
-        sign = merge(1.0_wp, -1.0_wp, block%space)     ! 1 if points are moved from the left
+        side = merge(1.0_wp, -1.0_wp, block%space)     ! 1 if points are moved from the left
         if (block%kind == euclidean_block) then
           w(v1:v2) = 0.0_wp
         else if (block%kind == callback_block) then
           call frame%callback%apply(bracket_operation, u, v, w)
         else if (block%kind == se3_block) then
-          w(v1:v2) = sign * reshape(motion_bracket(reshape(u(v1:v2), [3, 1 + block%k]), &
+          w(v1:v2) = side * reshape(motion_bracket(reshape(u(v1:v2), [3, 1 + block%k]), &
             reshape(v(v1:v2), [3, 1 + block%k])), [block%dimension])
         else if (is_rotation(block)) then
-          w(v1:v2) = sign * cross(u(v1:v2), v(v1:v2))
+          w(v1:v2) = side * cross(u(v1:v2), v(v1:v2))
         else if (any(block%kind == [su_block, u_block])) then
-          call unitary_bracket(block%n, sign * u(v1:v2), v(v1:v2), w(v1:v2))
+          call unitary_bracket(block%n, side * u(v1:v2), v(v1:v2), w(v1:v2))
         else
-          call orthogonal_bracket(block%n, sign * u(v1:v2), v(v1:v2), w(v1:v2))
+          call orthogonal_bracket(block%n, side * u(v1:v2), v(v1:v2), w(v1:v2))
         end if
       end associate
     end do
@@ -62,25 +62,25 @@ contains
     real(wp), intent(inout) :: v(frame%dimension)
     ! whether the whole series converges; if not, v is undefined
     logical, intent(out) :: exists
-    real(wp) :: sign
+    real(wp) :: side
     integer :: i
 
     exists = .true.
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), v1 => frame%blocks(i)%v1, v2 => frame%blocks(i)%v2)
         if (block%kind == euclidean_block) cycle
-        sign = merge(1.0_wp, -1.0_wp, block%space)
+        side = merge(1.0_wp, -1.0_wp, block%space)
         if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         else if (block%kind == se3_block) then
-          call dexpinv_motion(block%k, sign, u(v1:v2), v(v1:v2), exists)
+          call dexpinv_motion(block%k, side, u(v1:v2), v(v1:v2), exists)
         else if (is_rotation(block)) then
-          call dexpinv_rotation(sign, u(v1:v2), v(v1:v2), exists)
+          call dexpinv_rotation(side, u(v1:v2), v(v1:v2), exists)
         else if (any(block%kind == [su_block, u_block])) then
-          call unitary_dexpinv(block%n, order, sign * u(v1:v2), v(v1:v2), exists)
+          call unitary_dexpinv(block%n, order, side * u(v1:v2), v(v1:v2), exists)
         else
-          call orthogonal_dexpinv(block%n, order, sign * u(v1:v2), v(v1:v2), exists)
+          call orthogonal_dexpinv(block%n, order, side * u(v1:v2), v(v1:v2), exists)
         end if
       end associate
     end do
@@ -88,20 +88,20 @@ contains
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad.
-  pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
+  pure subroutine dexpinv_motion(vectors, side, u, v, exists)
     integer, intent(in) :: vectors
-    real(wp), intent(in) :: sign, u(3, 0:vectors)    ! u: a rotation and velocities
+    real(wp), intent(in) :: side, u(3, 0:vectors)    ! u: a rotation and velocities
     real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
     real(wp) :: a, b, square, half, sine, cotangent, value, slope
-    real(wp), dimension(3, 0:vectors) :: power, sum
+    real(wp), dimension(3, 0:vectors) :: power, total
     integer :: k
 
     square = dot_product(u(:, 0), u(:, 0))
     power = motion_bracket(u, v)
     if (square >= amplifies**2) then
-      if (norm2(power(:, 0)) <= commute * norm2(u(:, 0)) * norm2(v(:, 0)) .and. &
-          norm2(power) <= commute * norm2(u) * norm2(v)) return
+      if (norm2(power(:, 0)) <= zero_bracket * norm2(u(:, 0)) * norm2(v(:, 0)) .and. &
+          norm2(power) <= zero_bracket * norm2(u) * norm2(v)) return
       if (square >= radius**2) then
         exists = .false.
         return
@@ -124,11 +124,11 @@ contains
       b = (value - slope) / square
       a = value + b * square
     end if
-    sum = v - (sign / 2) * power
+    total = v - (side / 2) * power
     power = motion_bracket(u, power)
-    sum = sum + a * power
+    total = total + a * power
     power = motion_bracket(u, motion_bracket(u, power))
-    v = sum + b * power
+    v = total + b * power
   end subroutine dexpinv_motion
 
   ! The bracket of se(3): (w1 x w2, w1 x u2 - w2 x u1), with any number of velocities u

@@ -23,7 +23,7 @@ module blocks_m
   real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
   real(wp), parameter, public :: series_below = 1.0_wp             ! the largest square of an angle
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
-  real(wp), parameter, public :: commute = commuting_roundings * epsilon(1.0_wp)
+  real(wp), parameter, public :: zero_bracket = commuting_roundings * epsilon(1.0_wp)
   real(wp), parameter, public :: min_length = sqrt(tiny(1.0_wp))   ! whose square doesn't underflow
 
   ! The element of a Lie algebra with given coefficients, and the coefficients of the orthogonal

@@ -26,8 +26,8 @@ module coordinates_m
 
   real(wp), parameter :: pi = acos(-1.0_wp)
 
-  ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
-  real(wp), parameter :: opposite = 1.0e-4_wp
+  ! near the opposite point of a sphere, the least sine of the angle over the chord between them
+  real(wp), parameter :: min_sine = 1.0e-4_wp
 
   ! The tolerances of a pair and its longest step. A difference has `width` entries.
   type :: tolerances_t
@@ -176,27 +176,27 @@ contains
   end subroutine find_twist
 
   ! p^-1 q, or q p^-1, without cancellation for small angles
-  pure function quaternion_quotient(p, away, space) result(r)
-    real(wp), intent(in) :: p(4), away(4)   ! away: q - p; vector part, scalar part
+  pure function quaternion_quotient(p, chord, space) result(r)
+    real(wp), intent(in) :: p(4), chord(4)   ! chord: q - p; vector part, scalar part
     logical, intent(in) :: space
     real(wp) :: r(4)
 
-    r(1:3) = p(4) * away(1:3) - away(4) * p(1:3) &
-             + merge(1.0_wp, -1.0_wp, space) * cross(p(1:3), away(1:3))
-    r(4) = dot_product(p, p + away)
+    r(1:3) = p(4) * chord(1:3) - chord(4) * p(1:3) &
+             + merge(1.0_wp, -1.0_wp, space) * cross(p(1:3), chord(1:3))
+    r(4) = dot_product(p, p + chord)
   end function quaternion_quotient
 
   ! The smallest rotation vector that rotates the unit vector x to y
   pure function rotation_between(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
-    real(wp) :: v(3), short(3), sine, cosine
+    real(wp) :: v(3), chord(3), sine, cosine
 
     cosine = dot_product(x, y)
-    short = y - sign(1.0_wp, cosine) * x
-    v = cross(x, short)
+    chord = y - sign(1.0_wp, cosine) * x
+    v = cross(x, chord)
     sine = sqrt(dot_product(v, v))
     if (sine > 0) v = (atan2(sine, cosine) / sine) * v
-    if ((cosine < 0 .and. .not. sine > opposite * norm2(short)) &
+    if ((cosine < 0 .and. .not. sine > min_sine * norm2(chord)) &
         .or. .not. (sine > 0 .or. cosine > 0)) v = nan
   end function rotation_between
 

@@ -11,12 +11,12 @@ module free_motion_m
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: euclidean_block, finished, joints_not_solved, sphere_block
-  use vectors_m, only: cross
+  use vectors_m, only: cross, finite
   implicit none
   private
-  public :: add_constraint_forces, add_free_motion, close_joints, constraints_at, drift, &
-            is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
-            take_forces, without_opening
+  public :: add_constraint_forces, add_free_motion, close_joints, complete_forces, constraints_at, &
+            drift, is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
+            without_opening
 
 contains
 
@@ -65,16 +65,23 @@ contains
 
   end subroutine make_bodies
 
-  ! Moves the forces that a right-hand side has returned to their places among the coefficients.
-  pure subroutine take_forces(frame, y, f)
+  ! Makes coefficients of the forces that a right-hand side has returned at the beginning of f. They
+  ! alone are the coefficients of splitting methods, which follow free motion by themselves.
+  subroutine complete_forces(frame, y, forces_alone, with_joints, f, status)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: y(frame%point_size)
-    real(wp), intent(inout) :: f(frame%dimension)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    logical, intent(in) :: forces_alone, with_joints   ! with_joints: whether to add their forces
+    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
+    integer, intent(out) :: status                     ! see constraints_at
 
+    status = finished
     f(frame%forces + 1:) = f(:frame%forces)
     f(:frame%forces) = 0.0_wp
     call make_tangential(frame, y, f(frame%forces + 1:))
-  end subroutine take_forces
+    if (.not. forces_alone) call add_free_motion(frame, y, f)
+    if (frame%jointed .and. with_joints .and. finite(size(f), f)) &
+      call add_constraint_forces(frame, y, forces_alone, f, status)
+  end subroutine complete_forces
 
   ! Makes forces or momenta tangential: on a sphere they have no component along the point.
   pure subroutine make_tangential(frame, configuration, vector)
@@ -203,10 +210,11 @@ contains
     call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, status)
     if (status /= finished) return
     call factor_constraints(frame%linkage, c)
-    if (.not. c%known) status = joints_not_solved
+    if (.not. c%factored) status = joints_not_solved
   end subroutine constraints_at
 
-  ! Adds the forces of constraints: those for which their second derivatives vanish.
+  ! Adds the forces G^T x of constraints to forces f: G J^-1 (f + G^T x) + bias = 0, the second
+  ! derivatives of constraints along the motion.
   subroutine add_constraint_forces(frame, y, forces_alone, f, status, multipliers)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
@@ -215,15 +223,15 @@ contains
     integer, intent(out) :: status
     real(wp), optional, intent(out) :: multipliers(:)
     type(constraints_t) :: c
-    real(wp) :: whole(size(f))
+    real(wp) :: total(size(f))               ! with the free motion
     real(wp), allocatable :: x(:)
 
     call constraints_at(frame, y, 2, c, status)
     if (status /= finished) return
-    whole = f
-    if (forces_alone) call add_free_motion(frame, y, whole)
+    total = f
+    if (forces_alone) call add_free_motion(frame, y, total)
     associate (m => frame%linkage%forces)
-      x = -rates(frame%linkage, c%response, whole(m + 1:2 * m)) - c%bias
+      x = -rates(frame%linkage, c%response, total(m + 1:2 * m)) - c%bias
       call solve_constraints(frame%linkage, c, x)
       call constraint_impulse(frame%linkage, c%gradient, x, f(m + 1:2 * m))
     end associate
@@ -231,42 +239,44 @@ contains
   end subroutine add_constraint_forces
 
   ! Whether joints are closed up to rounding, or nearly, if iterations bring nothing more
-  logical function is_closed(c, last)
+  logical function is_closed(c, opening)
     type(constraints_t), intent(in) :: c
-    real(wp), intent(inout) :: last          ! the opening before; huge at first
+    ! the largest |g_i| in roundings of its terms, of the last iteration (huge at first), then of c
+    real(wp), intent(inout) :: opening
     real(wp), parameter :: closed = 8, nearly_closed = 1e4_wp
-    real(wp) :: now, near                    ! largest constraint, in roundings of some sizes
+    real(wp) :: opening_before, opening_at_one     ! opening_at_one: with terms of size 1 or more
 
-    now = maxval(abs(c%g) / max(c%scale, tiny(now))) / epsilon(now)
-    near = maxval(abs(c%g) / max(c%scale, c%min_scale, tiny(now))) / epsilon(now)
-    if (.not. all(abs(c%g) <= huge(now))) now = huge(now)
-    is_closed = now <= closed .or. (near <= nearly_closed .and. .not. now < last / 2)
-    if (.not. now < huge(now)) is_closed = .false.
-    last = now
+    opening_before = opening
+    opening = maxval(abs(c%g) / max(c%scale, tiny(opening))) / epsilon(opening)
+    opening_at_one = maxval(abs(c%g) / max(c%scale, c%min_scale, tiny(opening))) / epsilon(opening)
+    if (.not. all(abs(c%g) <= huge(opening))) opening = huge(opening)
+    is_closed = opening <= closed &
+                .or. (opening_at_one <= nearly_closed .and. .not. opening < opening_before / 2)
+    if (.not. opening < huge(opening)) is_closed = .false.
   end function is_closed
 
   ! Moves a point to where the joints are closed, in the metric of the inertia, and removes the
-  ! momenta that would open them. Points that move by far more than the size of the system diverge.
+  ! momenta that would open them. Points that move far beyond the size of the system diverge.
   subroutine close_joints(frame, y, status)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
     integer, intent(out) :: status
-    integer, parameter :: iterations = 50
-    real(wp), parameter :: far = 30
+    integer, parameter :: max_iterations = 50
+    real(wp), parameter :: max_growth = 30             ! of the size of the system
     type(constraints_t) :: c
-    real(wp) :: v(frame%dimension), last, size_before
+    real(wp) :: v(frame%dimension), opening, size_before
     real(wp), allocatable :: x(:)
     integer :: i
 
-    last = huge(last)
-    do i = 1, iterations
+    opening = huge(opening)
+    do i = 1, max_iterations
       call constraints_at(frame, y, 1, c, status)
       if (status /= finished) return
       if (i == 1) size_before = maxval(max(c%scale, c%min_scale))
-      if (is_closed(c, last)) then
+      if (is_closed(c, opening)) then
         call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%momenta_end))
-        if (size_before > 0 .and. maxval(c%scale) > far * size_before) status = joints_not_solved
-        if (c%exchanged) status = joints_not_solved
+        if (c%exchanged .or. (size_before > 0 .and. maxval(c%scale) > max_growth * size_before)) &
+          status = joints_not_solved
         return
       end if
       x = -c%g

@@ -89,7 +89,8 @@ contains
     real(wp), intent(in) :: time, momentum(frame%forces)
     ! tangents are rows; columns are coordinates, then momenta
     real(wp), intent(inout) :: x(frame%tangents, 2 * frame%forces)
-    real(wp), dimension(frame%dimension) :: u, xi, source, term
+    real(wp), dimension(frame%dimension) :: u, xi, term
+    real(wp) :: source(frame%dimension)      ! J^-1 eta times a piece
     real(wp) :: fraction                     ! part of the motion in a piece
     logical :: turns(frame%forces)           ! components of rigid bodies
     integer :: i, j, k, piece, pieces
@@ -112,11 +113,9 @@ contains
     do j = 1, size(x, 1)
       xi = 0.0_wp
       xi(:frame%forces) = x(j, :frame%forces)
-      associate (v => source(:frame%forces))           ! J^-1 eta times a piece
-        call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
-                        x(j, frame%forces + 1:), v)
-        v = merge(0.0_wp, time * fraction * v, turns)
-      end associate
+      call velocities(frame%blocks, frame%bodies, [1, size(frame%bodies)], &
+                      x(j, frame%forces + 1:), source(:frame%forces))
+      source(:frame%forces) = merge(0.0_wp, time * fraction * source(:frame%forces), turns)
       do piece = 1, pieces
         call bracket(frame, u, xi, term)
         term = term + source

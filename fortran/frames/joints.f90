@@ -6,8 +6,9 @@
 ! position, one of which may be missing: then it turns about the origin, or is a point mass. The
 ! ground is body 0. The user's rows are evaluated in Python, and follow those of joints.
 !
-! Rows depend on few bodies, on the velocities between their first and their last one. The factor is
-! that of Cholesky within the envelope of the matrix: each row from the first column that isn't zero
+! Rows depend on few bodies, on the velocities between their first and their last one. Cholesky's
+! factor is stored within the envelope of the matrix (A. George, J. W. Liu, Computer Solution of
+! Large Sparse Positive Definite Systems, 1981, chapter 4): each row from its first nonzero column
 ! on, so that chains cost time in proportion to their length if their joints follow each other.
 module joints_m
   use kinds, only: wp
@@ -34,18 +35,19 @@ module joints_m
     integer :: joint_rows = 0, user_rows = 0
     integer :: forces = 0                    ! number of momenta
     integer :: momenta_offset = 0, momenta_end = 0     ! entries of a point before and up to them
-    integer, allocatable :: places(:, :)     ! (2, 0:bodies) attitude's and position's block, or 0
+    ! (0:bodies) the blocks of attitudes and positions, 0 where a body has none
+    integer, allocatable :: attitude(:), position(:)
     type(row_t), allocatable :: row(:)       ! (joint_rows)
     integer, allocatable :: span(:, :)       ! (2, rows) the blocks of a row, first and last
     integer, allocatable :: v1(:), v2(:)     ! (rows) velocities of these blocks, first and last
-    integer, allocatable :: first(:)         ! (rows) the first column in the envelope
-    integer, allocatable :: start(:)         ! (rows) entries of the factor before column 1
+    integer, allocatable :: first_column(:)  ! (rows) the first column in the envelope
+    integer, allocatable :: row_start(:)     ! (rows) entries of the factor before column 1
     type(callback_t) :: python               ! evaluates the user's rows
   end type linkage_t
 
   ! The constraints at a point
   type :: constraints_t
-    logical :: known = .false.               ! whether the factor is that of the present point
+    logical :: factored = .false.            ! whether `factor` belongs to the present point
     ! whether axes that shall coincide are opposite or exchanged, which their cosines allow too
     logical :: exchanged = .false.
     real(wp), allocatable :: g(:)            ! (rows)
@@ -54,7 +56,7 @@ module joints_m
     real(wp), allocatable :: min_scale(:)    ! (rows) scales of user's rows at points of size one
     real(wp), allocatable :: gradient(:, :)  ! (forces, rows) G^T
     real(wp), allocatable :: response(:, :)  ! (forces, rows) J^-1 G^T, velocities by unit impulses
-    real(wp), allocatable :: factor(:)
+    real(wp), allocatable :: factor(:)       ! see row_start: the Cholesky factor in its envelope
   end type constraints_t
 
   ! A body at a point
@@ -68,18 +70,18 @@ module joints_m
   type :: product_t
     real(wp) :: axis(3, 2)                   ! the axis of each body
     real(wp) :: left(3), right(3)
-    real(wp) :: turned(3)                    ! what turns of `left` with the first body
-    real(wp) :: lever(3, 2)                  ! what turns of `right` with each body
+    real(wp) :: turned(3)                    ! the part of `left` that turns with the first body
+    real(wp) :: lever(3, 2)                  ! the part of `right` that turns with each body
     real(wp) :: side(2)                      ! factor of each body's position in `right`
   end type product_t
 
 contains
 
   ! Makes the linkage of a frame with bodies.
-  subroutine make_linkage(blocks, forces, places, integers, numbers, user_rows, linkage)
+  subroutine make_linkage(blocks, forces, body_blocks, integers, numbers, user_rows, linkage)
     type(block_t), intent(in) :: blocks(:)
     integer, intent(in) :: forces, user_rows
-    integer, intent(in) :: places(:, :)      ! (2, bodies) blocks of attitude and position
+    integer, intent(in) :: body_blocks(:, :) ! (2, bodies) blocks of attitude and position, or 0
     integer, intent(in) :: integers(:, :)    ! (3, rows) a RowForm, two bodies
     real(wp), intent(in) :: numbers(:, :)    ! (13, rows) two points, two axes, a length
     type(linkage_t), intent(inout) :: linkage
@@ -92,22 +94,24 @@ contains
     linkage%forces = forces
     linkage%momenta_offset = blocks(bodies)%p2
     linkage%momenta_end = linkage%momenta_offset + forces
-    allocate (linkage%places(2, 0:size(places, 2)), source=0)
-    linkage%places(:, 1:) = places
+    allocate (linkage%attitude(0:size(body_blocks, 2)), linkage%position(0:size(body_blocks, 2)))
+    linkage%attitude(:) = [0, body_blocks(1, :)]
+    linkage%position(:) = [0, body_blocks(2, :)]
     allocate (linkage%row(linkage%joint_rows))
     linkage%span = spread([1, bodies], 2, rows)
     do i = 1, linkage%joint_rows
       linkage%row(i) = row_t(integers(1, i), integers(2:3, i), reshape(numbers(1:6, i), [3, 2]), &
                              reshape(numbers(7:12, i), [3, 2]), numbers(13, i))
-      associate (block => linkage%places(:, integers(2:3, i)))
+      associate (block => [linkage%attitude(linkage%row(i)%body), &
+                           linkage%position(linkage%row(i)%body)])
         linkage%span(:, i) = [minval(block, block > 0), maxval(block)]
       end associate
     end do
     linkage%v1 = blocks(linkage%span(1, :))%v1
     linkage%v2 = blocks(linkage%span(2, :))%v2
-    linkage%first = [(findloc(linkage%v1(:i) <= linkage%v2(i) .and. &
+    linkage%first_column = [(findloc(linkage%v1(:i) <= linkage%v2(i) .and. &
                               linkage%v2(:i) >= linkage%v1(i), .true., 1), i=1, size(linkage%v1))]
-    linkage%start = [(sum([(j - linkage%first(j), j=1, i)]), i=1, rows)]
+    linkage%row_start = [(sum([(j - linkage%first_column(j), j=1, i)]), i=1, rows)]
   end subroutine make_linkage
 
   ! Evaluates the constraints at a point: g alone, or with derivatives, or with the bias too.
@@ -119,7 +123,7 @@ contains
     integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
     type(constraints_t), intent(inout) :: c
     integer, intent(out) :: status                     ! finished, raised or out_of_memory
-    type(pose_t) :: pose(0:ubound(linkage%places, 2))
+    type(pose_t) :: pose(0:ubound(linkage%attitude, 1))
     real(wp) :: omega(merge(linkage%forces, 0, depth == 2))
     integer :: alloc_status, i
 
@@ -127,17 +131,17 @@ contains
     if (.not. allocated(c%g)) then
       associate (n => linkage%joint_rows + linkage%user_rows, m => linkage%forces)
         ! derivatives along fields of other bodies remain zero; g is the last that is allocated
-        allocate (c%bias(n), c%factor(linkage%start(n) + n), c%scale(n), c%min_scale(n), &
+        allocate (c%bias(n), c%factor(linkage%row_start(n) + n), c%scale(n), c%min_scale(n), &
                   c%gradient(m, n), c%response(m, n), c%g(n), source=0.0_wp, stat=alloc_status)
       end associate
     end if
-    c%known = .false.
+    c%factored = .false.
     status = merge(finished, out_of_memory, alloc_status == 0)
     if (status /= finished) return
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
     do i = 0, ubound(pose, 1)
-      call find_pose(blocks, linkage%places(1, i), linkage%places(2, i), y, omega, pose(i))
+      call find_pose(blocks, linkage%attitude(i), linkage%position(i), y, omega, pose(i))
     end do
     call evaluate_joints(linkage, blocks, pose, depth, c)
     if (linkage%user_rows > 0) call evaluate_user_rows(linkage, y, omega, depth, c, status)
@@ -255,13 +259,15 @@ contains
     integer :: j
 
     do j = 1, 2
-      associate (turns => linkage%places(1, row%body(j)), moves => linkage%places(2, row%body(j)))
-        if (moves > 0) gradient(blocks(moves)%v1:blocks(moves)%v2) = product%side(j) * product%left
-        if (turns == 0) cycle
+      associate (attitude => linkage%attitude(row%body(j)), &
+                 position => linkage%position(row%body(j)))
+        if (position > 0) &
+          gradient(blocks(position)%v1:blocks(position)%v2) = product%side(j) * product%left
+        if (attitude == 0) cycle
         torque = cross(product%lever(:, j), product%left)
         if (j == 1) torque = torque + cross(product%turned, product%right)
-        if (.not. blocks(turns)%space) torque = matmul(torque, pose(row%body(j))%r)
-        gradient(blocks(turns)%v1:blocks(turns)%v2) = torque
+        if (.not. blocks(attitude)%space) torque = matmul(torque, pose(row%body(j))%r)
+        gradient(blocks(attitude)%v1:blocks(attitude)%v2) = torque
       end associate
     end do
   end subroutine find_gradient
@@ -290,7 +296,7 @@ contains
                         + dot_product(product%left, right2)
   end function second_derivative
 
-  ! Evaluates the rows of the user in Python; for depth see evaluate_constraints.
+  ! Evaluates the user's rows in Python; for depth see evaluate_constraints.
   subroutine evaluate_user_rows(linkage, y, omega, depth, c, status)
     type(linkage_t), intent(in) :: linkage
     real(wp), contiguous, intent(in) :: y(:), omega(:)
@@ -316,12 +322,13 @@ contains
   ! Factors G J^-1 G^T, whose rows have been evaluated.
   pure subroutine factor_constraints(linkage, c)
     type(linkage_t), intent(in) :: linkage
-    type(constraints_t), intent(inout) :: c            ! known unless it is singular
-    real(wp), parameter :: min_rest = 1e3_wp * epsilon(1.0_wp)
-    real(wp) :: entry, rest                  ! entry of G J^-1 G^T; rest without columns before
+    type(constraints_t), intent(inout) :: c            ! factored unless the matrix is singular
+    real(wp), parameter :: min_pivot = 1e3_wp * epsilon(1.0_wp)        ! relative to the diagonal
+    real(wp) :: entry                        ! of G J^-1 G^T
+    real(wp) :: rest                         ! the entry less the product of rows of the factor
     integer :: i, j, k, v, last
 
-    associate (l => c%factor, start => linkage%start, first => linkage%first)
+    associate (l => c%factor, start => linkage%row_start, first => linkage%first_column)
       do i = 1, size(c%g)
         entry = 0.0_wp
         rest = 0.0_wp
@@ -334,11 +341,11 @@ contains
                                      l(start(j) + k:start(j) + j - 1))
           if (j < i) l(start(i) + j) = rest / l(start(j) + j)
         end do
-        if (.not. rest > min_rest * entry) return
+        if (.not. rest > min_pivot * entry) return
         l(start(i) + i) = sqrt(rest)
       end do
     end associate
-    c%known = .true.
+    c%factored = .true.
   end subroutine factor_constraints
 
   ! Solves G J^-1 G^T x = b by the factor.
@@ -348,7 +355,7 @@ contains
     real(wp), intent(inout) :: x(:)                    ! b, then the solution
     integer :: i
 
-    associate (l => c%factor, start => linkage%start, first => linkage%first)
+    associate (l => c%factor, start => linkage%row_start, first => linkage%first_column)
       do i = 1, size(x)
         x(i) = (x(i) - dot_product(l(start(i) + first(i):start(i) + i - 1), x(first(i):i - 1))) &
                / l(start(i) + i)

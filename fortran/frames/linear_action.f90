@@ -33,7 +33,7 @@ module linear_action_m
     integer, allocatable :: column(:)        ! (entries of X)
     ! (n generators + 1) the terms where rows of each generator begin, one generator after the other
     integer, allocatable :: row(:)
-    integer, allocatable :: place(:)         ! (reals_per_entry, terms) number in X to which it adds
+    integer, allocatable :: entry(:)         ! (reals_per_entry, terms) number in X that it adds to
     real(wp), allocatable :: value(:)        ! (reals_per_entry, terms) its coefficient
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds of norms, sums of moduli in rows
@@ -48,11 +48,11 @@ module linear_action_m
   ! Number of products X y, for benchmarks; several threads that count at once miss some.
   integer(int64), public :: products = 0
 
-  ! The same for flows along polynomials; at 1.5 times this norm up to three digits are lost.
+  ! Norm of the pieces of flows along polynomials; at 1.5 times this norm three digits may be lost.
   real(wp), parameter :: polynomial_norm = 6.0_wp
   real(wp), parameter :: max_polynomial_norm = 1.5_wp * polynomial_norm
-  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
-  real(wp), parameter :: omitted = 0.1_wp    ! part of a tolerance that terms left out early share
+  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)   ! relative, of zero coefficients
+  real(wp), parameter :: omitted = 0.1_wp    ! fraction of a tolerance for terms left out early
 
 contains
 
@@ -78,7 +78,7 @@ contains
     call take(entries, action%column)
     call take(action%n * action%generators + 1, action%row)
     call take(terms, action%term_column)
-    call take(m * terms, action%place)
+    call take(m * terms, action%entry)
     action%value = numbers(used + 1:used + m * terms)
     used = used + m * terms
     action%norm = [(maxval([(sum(abs(action%value( &
@@ -155,7 +155,7 @@ contains
     x = 0.0_wp
     do i = 1, action%generators
       do k = m * action%row((i - 1) * action%n + 1) - m + 1, m * action%row(i * action%n + 1) - m
-        x(action%place(k)) = x(action%place(k)) + v(i) * action%value(k)
+        x(action%entry(k)) = x(action%entry(k)) + v(i) * action%value(k)
       end do
     end do
     norm = 0.0_wp
@@ -258,12 +258,12 @@ contains
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation; the pieces share the tolerance that is granted, since their errors add up.
-  ! Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their tolerance only.
-  subroutine move_polynomially(action, v, granted, y, inner)
+  ! cancellation; the pieces divide the share of the tolerances, since their errors add up.
+  ! Skew-Hermitian matrices preserve the norm of y, which polynomials preserve up to the tolerance.
+  subroutine move_polynomially(action, v, share, y, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
-    real(wp), intent(in) :: granted          ! part of the tolerances, 0 for that of rounding
+    real(wp), intent(in) :: share            ! of the tolerances; 0 for the level of rounding
     real(wp), intent(inout) :: y(:)          ! (point_size)
     type(inner_points_t), optional, intent(inout) :: inner   ! points to compute
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
@@ -290,9 +290,9 @@ contains
       if (present(inner)) &
         last = count(inner%theta(:inner%count) <= real(piece, wp) / real(pieces, wp))
       if (last < first) then
-        call apply_polynomial(action, d, granted / real(pieces, wp), y)
+        call apply_polynomial(action, d, share / real(pieces, wp), y)
       else
-        call apply_polynomial(action, d, granted / real(pieces, wp), y, &
+        call apply_polynomial(action, d, share / real(pieces, wp), y, &
                               real(pieces, wp) * inner%theta(first:last) - real(piece - 1, wp), &
                               inner%y(:, first:last))
         if (.not. (action%skew .and. length > 0)) cycle
@@ -349,10 +349,10 @@ contains
   !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
   ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
   ! are negligible by bounds of their norms. Points at other times are sums of the same y_k.
-  subroutine apply_polynomial(action, d, granted, y, times, inner)
+  subroutine apply_polynomial(action, d, share, y, times, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
-    real(wp), intent(in) :: granted          ! part of the tolerance
+    real(wp), intent(in) :: share            ! of the tolerances
     real(wp), intent(inout) :: y(action%point_size)
     real(wp), optional, intent(in) :: times(:)         ! from 0 to 1
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
@@ -368,7 +368,7 @@ contains
     norms = 0.0_wp
     norms(1) = maxval(abs(y))
     start = norms(1) * epsilon(y) / 8
-    tolerance = granted * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
+    tolerance = share * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
     negligible = omitted * max(start, tolerance) / real(size(d), wp)
     do k = 1, max_terms
       term = 0.0_wp

@@ -14,7 +14,7 @@
 !
 !   chi' = L (J3 +- a1^2 |J3 - J1| / (1 + n3)).
 !
-! Its integral is an elliptic one of the third kind. Over a piece of at most `longest` in u, in
+! Its integral is an elliptic one of the third kind. Over a piece of at most `max_piece` in u, in
 ! which the two halves are added, it is computed by Gauss's formula; whole periods are counted.
 module rigid_body_m
   use, intrinsic :: iso_fortran_env, only: int64
@@ -33,16 +33,17 @@ module rigid_body_m
   end type top_t
 
   ! Squares and weights of the positive nodes of Gauss's formula with 14 nodes
-  real(wp), parameter :: square(7) = [ &
+  real(wp), parameter :: node_square(7) = [ &
     0.01167587194014667_wp, 0.1018327040027696_wp, 0.2654811572689373_wp, 0.4723715370044845_wp, &
     0.6842620156531486_wp, 0.8619913332033933_wp, 0.9727557512974903_wp]
   real(wp), parameter :: weight(7) = [ &
     0.2152638534631578_wp, 0.2051984637212956_wp, 0.1855383974779378_wp, 0.1572031671581935_wp, &
     0.1215185706879032_wp, 0.08015808715976021_wp, 0.03511946033175186_wp]
-  ! the longest piece in u, for which the error of the formula is below rounding
-  real(wp), parameter :: longest = 1.1_wp
-  ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
-  real(wp), parameter :: aside = 0.7_wp, pi = acos(-1.0_wp)
+  ! the longest piece in u, for which the error of Gauss's formula is below rounding
+  real(wp), parameter :: max_piece = 1.1_wp
+  ! Unit vectors are scaled before their lengths are compared: the spacing of numbers jumps at 1, so
+  ! that roundings of squares would have a mean there, and lengths would drift.
+  real(wp), parameter :: scaled = 0.7_wp, pi = acos(-1.0_wp)
 
   ! A solution as functions of u: the modulus, its complement, a3, and the present functions
   type :: motion_t
@@ -77,8 +78,7 @@ contains
     n = matmul(before, top%axes) + matmul(before, top%digits)
     about = [n(1)**2 * top%gap(1), n(3)**2 * top%gap(2)]
     swapped = about(1) > about(2) .or. (about(1) == about(2) .and. top%gap(1) > top%gap(2))
-    order = [1, 2, 3]
-    if (swapped) order = [3, 2, 1]
+    order = merge([3, 2, 1], [1, 2, 3], swapped)
     n = n(order)
     signs = [1.0_wp, merge(-1.0_wp, 1.0_wp, swapped), 1.0_wp]
     if (n(3) < 0) signs(2:3) = -signs(2:3)
@@ -89,7 +89,7 @@ contains
     after(order) = signs * after
     q(1:3) = matmul(top%axes, q(1:3))
     after = matmul(top%axes, after) + matmul(top%digits, after)
-    after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
+    after = after + (sum((scaled * before)**2) - sum((scaled * after)**2)) / (2 * scaled**2) * after
     momentum = length * after
   end subroutine turn_freely
 
@@ -140,7 +140,7 @@ contains
 
     integral = 0.0_wp
     rest = u
-    if (abs(u) > longest .and. motion%complement > 0) then
+    if (abs(u) > max_piece .and. motion%complement > 0) then
       quarter = quarter_period(motion%complement)
       periods = anint(u / (4 * quarter))
       if (periods /= 0) then
@@ -167,7 +167,7 @@ contains
     integer(int64) :: i, pieces
 
     if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
-    pieces = int(abs(u) / longest, int64) + 1
+    pieces = int(abs(u) / max_piece, int64) + 1
     half = u / (2 * real(pieces, wp))
     sn = small_sn(half, motion%m, motion%complement)
     cn = sqrt(1 - sn**2)
@@ -217,7 +217,7 @@ contains
     d = motion%a3 * motion%dn
     s2 = motion%m * motion%sn**2
     c2 = motion%m * (motion%a3 * motion%cn)**2
-    y = sn**2 * square
+    y = sn**2 * node_square
     dn = sqrt(1 - motion%m * y)
     denominator = 1 - s2 * y
     even_integral = 2 * sn * sum(weight * (denominator + d * dn) &
@@ -227,7 +227,7 @@ contains
   ! Jacobi's sn of a small argument, by Landen's descending transformation
   pure recursive real(wp) function small_sn(u, m, complement) result(sn)
     real(wp), intent(in) :: u, m, complement
-    real(wp), parameter :: negligible = sqrt(epsilon(1.0_wp)) / 4   ! its square
+    real(wp), parameter :: negligible = sqrt(epsilon(1.0_wp)) / 4   ! its square is rounding
     real(wp) :: k, modulus
 
     if (complement < epsilon(1.0_wp) / 4) then

@@ -3,7 +3,7 @@
 ! v, half = |v| / 2: those of several flows are multiplied, and one rotation moves the point.
 module rotations_m
   use kinds, only: wp
-  use blocks_m, only: amplifies, beta, block_t, commute, min_length, radius, series_below
+  use blocks_m, only: amplifies, beta, block_t, min_length, radius, series_below, zero_bracket
   use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
@@ -250,9 +250,9 @@ contains
     end if
   end subroutine rotate_matrix
 
-  ! On rotations [u, v] = sign u x v, and ad^3 = -|u|^2 ad gives a closed form.
-  pure subroutine dexpinv_rotation(sign, u, v, exists)
-    real(wp), intent(in) :: sign, u(3)
+  ! On rotations [u, v] = side u x v, and ad^3 = -|u|^2 ad gives a closed form.
+  pure subroutine dexpinv_rotation(side, u, v, exists)
+    real(wp), intent(in) :: side, u(3)
     real(wp), intent(inout) :: v(3)
     logical, intent(inout) :: exists
     real(wp) :: square, fourth, half, once(3), factor
@@ -260,7 +260,7 @@ contains
     square = u(1)**2 + u(2)**2 + u(3)**2
     once = cross(u, v)
     if (square >= amplifies**2) then
-      if (norm2(once) <= commute * norm2(u) * norm2(v)) return
+      if (norm2(once) <= zero_bracket * norm2(u) * norm2(v)) return
       if (square >= radius**2) then
         exists = .false.
         return
@@ -276,7 +276,7 @@ contains
       half = sqrt(square) / 2
       factor = (1 - half * cos(half) / sin(half)) / square
     end if
-    v = v - (sign / 2) * once + factor * cross(u, once)
+    v = v - (side / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
   ! The cross product: a copy of that of vectors_m, which isn't inlined in another file

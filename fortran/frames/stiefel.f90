@@ -142,11 +142,11 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
-    real(wp) :: vectors(n, n), own(n)
+    real(wp) :: vectors(n, n), lambda(n)
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
-    call decompose(n, spectrum, y, own, vectors)
-    call multiply(n, vectors, spread(own, 2, n) * transpose(vectors), y)
+    call decompose(n, spectrum, y, lambda, vectors)
+    call multiply(n, vectors, spread(lambda, 2, n) * transpose(vectors), y)
     y = (y + transpose(y)) / 2
   end subroutine restore_isospectral
 
@@ -157,18 +157,18 @@ contains
     real(wp), intent(in) :: spectrum(n), y(n, n), slope(n, n)
     real(wp), intent(out) :: v(:)                ! (dimension)
     real(wp), intent(out) :: dropped
-    real(wp) :: vectors(n, n), x(n, n), product(n, n), own(n)
+    real(wp) :: vectors(n, n), x(n, n), product(n, n), lambda(n)
     integer :: j
 
     v = nan
     dropped = 0.0_wp
     if (.not. all(abs(y) <= huge(y))) return
-    call decompose(n, spectrum, y, own, vectors)
+    call decompose(n, spectrum, y, lambda, vectors)
     call multiply(n, slope, vectors, product)
     call multiply(n, transpose(vectors), product, x)
     do j = 1, n
-      where (abs(own(j) - own) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum)))
-        x(:, j) = x(:, j) / (own(j) - own)
+      where (abs(lambda(j) - lambda) > real(n, wp) * epsilon(1.0_wp) * maxval(abs(spectrum)))
+        x(:, j) = x(:, j) / (lambda(j) - lambda)
       elsewhere
         x(:, j) = 0.0_wp
       end where
@@ -180,19 +180,19 @@ contains
     dropped = sum((slope - product)**2)
   end subroutine isospectral_coefficients
 
-  ! Orthonormal eigenvectors of a point, and the given eigenvalue of each
-  subroutine decompose(n, spectrum, y, own, vectors)
+  ! Computes orthonormal eigenvectors of a point; the given eigenvalue of each has the same rank.
+  subroutine decompose(n, spectrum, y, lambda, vectors)
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n), y(n, n)
-    real(wp), intent(out) :: own(n), vectors(n, n)
-    real(wp) :: values(n), work(1 + 6 * n + 2 * n**2)
+    real(wp), intent(out) :: lambda(n), vectors(n, n)
+    real(wp) :: mu(n), work(1 + 6 * n + 2 * n**2)      ! mu: the rounded eigenvalues
     integer :: iwork(3 + 5 * n), info, k
 
     vectors = y
-    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
+    call dsyevd('V', 'U', n, vectors, n, mu, work, size(work), iwork, size(iwork), info)
     call restore_orthogonal(n, vectors)
     do k = 1, n
-      own(k) = spectrum(1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k)))
+      lambda(k) = spectrum(1 + count(mu(:k - 1) <= mu(k)) + count(mu(k + 1:) < mu(k)))
     end do
   end subroutine decompose
 

@@ -58,18 +58,18 @@ contains
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
-  subroutine plan_set_joints(address, bodies, places, rows, integers, joints, reals, user_rows, &
-                             context) bind(c)
+  subroutine plan_set_joints(address, bodies, body_blocks, rows, integers, joints, reals, &
+                             user_rows, context) bind(c)
     integer(c_intptr_t), intent(in) :: address, context  ! context: evaluates the user's rows
     integer, intent(in) :: bodies, rows, joints, user_rows
     ! the last columns are unused, since no array may be empty
-    integer, intent(in) :: places(2, bodies), integers(3, rows)
+    integer, intent(in) :: body_blocks(2, bodies), integers(3, rows)
     real(wp), intent(in) :: reals(13, joints)
     type(plan_t), pointer :: plan
 
     plan => plan_at(address)
     associate (frame => plan%frame)
-      call make_linkage(frame%blocks, frame%forces, places(:, :bodies - 1), &
+      call make_linkage(frame%blocks, frame%forces, body_blocks(:, :bodies - 1), &
                         integers(:, :rows - 1), reals(:, :joints - 1), user_rows, frame%linkage)
       frame%linkage%python%context = transfer(context, c_null_ptr)
       frame%jointed = .true.
@@ -102,7 +102,6 @@ contains
     bound = maxval([0.0_wp, (distance_bound(plan%frame, y(:, i)), i=1, members)])
   end subroutine plan_distance_bound
 
-  ! Frees a plan.
   subroutine plan_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -128,7 +127,6 @@ contains
     deallocate (run)
   end subroutine run_open
 
-  ! Frees a run.
   subroutine run_close(address) bind(c)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -146,16 +144,16 @@ contains
   end subroutine run_drive
 
   ! Copies the rows that the last call of run_drive has stored of steps, interpolants or events.
-  subroutine run_rows(address, what, n, used, rows) bind(c)
+  subroutine run_rows(address, stored, n, used, rows) bind(c)
     integer(c_intptr_t), intent(in) :: address
-    integer, intent(in) :: what, n, used
+    integer, intent(in) :: stored, n, used         ! stored: a Stored; used: number of rows
     real(wp), intent(inout) :: rows(n, used)
     type(run_t), pointer :: run
 
     run => run_at(address)
-    if (what == steps_stored) rows = run%output%steps(:, :used)
-    if (what == interpolants_stored) rows = run%output%interpolants(:, :used)
-    if (what == events_stored) rows = run%output%events(:, :used)
+    if (stored == steps_stored) rows = run%output%steps(:, :used)
+    if (stored == interpolants_stored) rows = run%output%interpolants(:, :used)
+    if (stored == events_stored) rows = run%output%events(:, :used)
   end subroutine run_rows
 
   ! Lets trajectories continue to the ends of segments in the record, or requests the interpolants
@@ -214,11 +212,11 @@ contains
   end subroutine run_state
 
   ! Evaluates stored interpolants at fractions of their steps.
-  subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, rows, y, &
+  subroutine plan_interpolate(address, context, count, steps, n, m, step, theta, rows, y, &
                               alloc_status) bind(c)
     !f2py threadsafe
     integer(c_intptr_t), intent(in) :: address, context
-    integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
+    integer, intent(in) :: count, steps, n, m, step(count)     ! step: the row of each point, from 0
     real(wp), intent(in) :: theta(count), rows(m, steps)  ! rows: interpolants of output_t
     real(wp), intent(inout) :: y(n, count)
     integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
@@ -228,13 +226,13 @@ contains
 
     plan => plan_at(address)
     if (context == 0) then
-      call evaluate_stored(plan%frame, plan%method%scheme, rows, which, theta, y, alloc_status)
+      call evaluate_stored(plan%frame, plan%method%scheme, rows, step, theta, y, alloc_status)
       return
     end if
     frame = plan%frame
     python%context = transfer(context, c_null_ptr)
     frame%callback => python
-    call evaluate_stored(frame, plan%method%scheme, rows, which, theta, y, alloc_status)
+    call evaluate_stored(frame, plan%method%scheme, rows, step, theta, y, alloc_status)
   end subroutine plan_interpolate
 
 end module api_run_m

@@ -27,7 +27,7 @@ enum {
     INPUT,       /* whether f gets the value of its first argument, a function of time */
     CHANGING     /* whether the numbers of the last argument, an array, change between calls */
 };
-enum { POINT, NUMBERS }; /* places in SPARE */
+enum { POINT, NUMBERS }; /* slots of SPARE */
 
 /* Whether an array has the shape and the type of another one, and plain memory */
 static int is_like(PyArrayObject *array, PyArrayObject *other)
@@ -36,37 +36,35 @@ static int is_like(PyArrayObject *array, PyArrayObject *other)
            && PyArray_ISCARRAY_RO(array);
 }
 
-/* The array of the call before, out of its place: f may call itself by way of another integration.
+/* The array in a slot of SPARE, which is then empty: f may call itself by way of another integration.
  * NULL if somebody has it still, as a whole or as a part, or has turned it into another one. */
-static PyObject *take_spare(PyObject *context, int place, PyArrayObject *like)
+static PyObject *take_spare(PyObject *context, int slot, PyArrayObject *like)
 {
     PyObject *spare = PyTuple_GET_ITEM(context, SPARE);
-    PyObject *kept = PyList_GET_ITEM(spare, place);
-    if (!REUSE || kept == Py_None || Py_REFCNT(kept) != 1) {
-        return NULL;
-    }
-    PyArrayObject *array = (PyArrayObject *)kept;
-    if (!is_like(array, like) || !PyArray_CHKFLAGS(array, NPY_ARRAY_OWNDATA)) {
+    PyObject *array = PyList_GET_ITEM(spare, slot);
+    if (!REUSE || array == Py_None || Py_REFCNT(array) != 1
+        || !is_like((PyArrayObject *)array, like)
+        || !PyArray_CHKFLAGS((PyArrayObject *)array, NPY_ARRAY_OWNDATA)) {
         return NULL;
     }
     Py_INCREF(Py_None);
-    PyList_SET_ITEM(spare, place, Py_None); /* its reference is the caller's now */
-    return kept;
+    PyList_SET_ITEM(spare, slot, Py_None); /* its reference is the caller's now */
+    return array;
 }
 
-static void keep_spare(PyObject *context, int place, PyObject *array)
+static void keep_spare(PyObject *context, int slot, PyObject *array)
 {
     if (REUSE) {
         Py_INCREF(array);
-        PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), place, array);
+        PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), slot, array);
     }
 }
 
 /* Numbers are given as arrays of their own, which the function may keep but not change. */
-static PyObject *make_array(PyObject *context, int place, PyObject *example, const void *numbers)
+static PyObject *make_array(PyObject *context, int slot, PyObject *example, const void *numbers)
 {
     PyArrayObject *like = (PyArrayObject *)example;
-    PyObject *array = take_spare(context, place, like);
+    PyObject *array = take_spare(context, slot, like);
     if (array == NULL) {
         array = PyArray_SimpleNew(PyArray_NDIM(like), PyArray_DIMS(like), PyArray_TYPE(like));
     }
@@ -220,13 +218,9 @@ int call_python(void *context, int operation, int na, const double *a, int nb, c
 {
     int code = RAISED_IN_PYTHON;
     PyGILState_STATE lock = PyGILState_Ensure();
-    PyObject *first = NULL, *second = NULL, *value = NULL, *array = NULL;
-    if (!PyErr_Occurred()) {
-        first = vector(na, a);
-        second = vector(nb, b);
-    }
-    if (first != NULL && second != NULL) {
-        value = PyObject_CallFunction(context, "iOO", operation, first, second);
+    PyObject *value = NULL, *array = NULL;
+    if (!PyErr_Occurred()) { /* N takes references, and passes on that memory is exhausted */
+        value = PyObject_CallFunction(context, "iNN", operation, vector(na, a), vector(nb, b));
     }
     if (value != NULL) {
         array = PyArray_FROM_OTF(value, NPY_DOUBLE, NPY_ARRAY_CARRAY);
@@ -239,8 +233,6 @@ int call_python(void *context, int operation, int na, const double *a, int nb, c
     }
     Py_XDECREF(array);
     Py_XDECREF(value);
-    Py_XDECREF(second);
-    Py_XDECREF(first);
     PyGILState_Release(lock);
     return code;
 }

@@ -26,8 +26,8 @@ module run_m
                             polynomial_kind, raised, raised_in_python, rhs_operation, &
                             state_columns, terminal_event
   use step_m, only: get_times, receive_answers, times_asked
-  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_numbers, query_time, &
-                          reserve_trajectory, set_start, trajectory_t
+  use trajectory_m, only: exchange_state, fail, problem_t, query_event, query_member, &
+                          query_numbers, query_time, reserve_trajectory, set_start, trajectory_t
   implicit none
   private
   public :: plan_t, run_t, drive, open_run, plan_at, run_at, read_functions, store_lane, wake
@@ -52,7 +52,6 @@ module run_m
 
 contains
 
-  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -60,7 +59,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
-  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -111,10 +109,8 @@ contains
         in_coordinates=logical(record%in_coordinates), exponent=record%exponent, &
         reals_per_entry=int(record%reals_per_entry), max_step=record%max_step)
       if (record%tolerances /= 0) then
-        associate (numbers => reals(record%tolerances, 2 * n))
-          run%tolerances%rtols = numbers(:n)
-          run%tolerances%atol = numbers(n + 1:)
-        end associate
+        run%tolerances%rtols = reals(record%tolerances, n)
+        run%tolerances%atol = reals(record%tolerances + 8 * n, n)
       end if
       if (run%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
@@ -129,12 +125,11 @@ contains
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
     integer, parameter :: max_inner = 64, max_inner_numbers = 2**22
-    integer :: i, lanes, members, points     ! points: that one flow along a polynomial computes
+    integer :: i, members, points            ! points: that one flow along a polynomial computes
     integer(int8) :: none(0)
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
-      lanes = int(record%lanes)
       call c_f_pointer(transfer(record%states, c_null_ptr), run%states, &
                        [n + state_columns, members])
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
@@ -142,8 +137,8 @@ contains
       run%counters(:) = counters_t(status=paused)
       points = merge(run%output%outputs, 0, run%method%kind == polynomial_kind)
       points = min(points, max_inner, max(1, max_inner_numbers / n))
-      allocate (run%busy(lanes), source=.false., stat=alloc_status)
-      if (alloc_status == 0) allocate (run%lanes(lanes), run%inner%theta(points), &
+      allocate (run%busy(record%lanes), source=.false., stat=alloc_status)
+      if (alloc_status == 0) allocate (run%lanes(record%lanes), run%inner%theta(points), &
                                        run%inner%y(n, points), stat=alloc_status)
       if (alloc_status /= 0) return
       do i = 1, size(run%lanes)
@@ -159,7 +154,7 @@ contains
   subroutine read_functions(run)
     type(run_t), intent(inout) :: run
 
-    run%limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
+    run%step_limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
                          [2_int64, run%record%limited])
     run%rhs%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
@@ -241,16 +236,17 @@ contains
     run%record%raised = .false.
   end subroutine wake
 
-  ! Advances all lanes until all members have ended, or the budget is used up.
-  ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
-  ! Others of a vectorized function advance in rounds, whatever the budget is: it ends a call where
-  ! all lanes wait for coefficients or values, so that calls of functions don't depend on it. Values
-  ! of events come first, so that lanes wait for coefficients together.
+  ! Advances all lanes until all members have ended, or the budget of steps is used up. Lanes with
+  ! common steps have equal shares of it, so that none is ahead of the others. Other lanes of a
+  ! vectorized function advance in rounds, up to where all of them wait for coefficients or values;
+  ! the budget ends a call between rounds, so that calls of functions don't depend on it. Values of
+  ! events are answered first, so that lanes wait for coefficients together.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, status
-    logical :: waits, stops, in_rounds       ! in_rounds: whether lanes advance at once
+    logical :: waits, stops                  ! whether a lane waits for the maximum, or has paused
+    logical :: in_rounds
 
     budget = run%record%budget
     in_rounds = size(run%lanes) > 1 .and. .not. run%record%common &
@@ -280,7 +276,7 @@ contains
         call answer_events(run)
       else if (any(run%lanes%status == needs_rhs)) then
         call answer_rhs(run)
-      else if (waits .and. .not. stops) then         ! for the maximum of all
+      else if (waits .and. .not. stops) then           ! all lanes wait for the maximum
         run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
         where (run%busy) run%lanes%status = paused
       else
@@ -321,7 +317,7 @@ contains
     end associate
   end function advance_lane
 
-  ! Starts the next member in a lane, if there is one, and stores its initial point.
+  ! Starts the next member, if there is one, in a lane, and stores its initial point.
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -365,7 +361,7 @@ contains
   ! Stores the results of a call in the record.
   subroutine store_counters(run, budget)
     type(run_t), intent(inout) :: run
-    integer(int64), intent(in) :: budget               ! what is left of it, negative if exceeded
+    integer(int64), intent(in) :: budget               ! steps left of it, negative if exceeded
     integer :: i
 
     do i = 1, size(run%lanes)
@@ -380,8 +376,8 @@ contains
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine answer_rhs(run)
     type(run_t), target, intent(inout) :: run
-    integer, allocatable :: requests(:)                ! these lanes
-    integer, allocatable :: asked(:)                   ! for how many times each asks
+    integer, allocatable :: requests(:)                ! lanes that need coefficients
+    integer, allocatable :: asked(:)                   ! the number of times of each lane
     real(wp), allocatable :: times(:), members(:), points(:), answers(:)
     logical :: failed
     integer :: i, k, m, alloc_status, n
@@ -426,9 +422,9 @@ contains
   ! Evaluates the functions of events that lanes wait for, vectorized ones at all points at once.
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
-    integer, allocatable :: waiting(:), counts(:)      ! lanes, how much each asks
-    real(wp), allocatable :: query(:, :), member(:)    ! all that they ask, and of which members
-    real(wp), allocatable :: values(:)
+    integer, allocatable :: waiting(:), counts(:)      ! lanes, and how many queries each has
+    real(wp), allocatable :: query(:, :)     ! all queries, as in trajectory_t
+    real(wp), allocatable :: values(:)       ! of one event
     integer :: event, i, j, alloc_status, total
     logical :: failed
 
@@ -437,7 +433,7 @@ contains
       lanes(waiting)%status = finished
       counts = lanes(waiting)%queries - lanes(waiting)%answered
       total = sum(counts)
-      allocate (query(query_numbers + n + run%events%count, total), member(total), values(total), &
+      allocate (query(query_numbers + n + run%events%count, total), values(total), &
                 stat=alloc_status)
       if (alloc_status /= 0) lanes(waiting)%status = out_of_memory
       if (alloc_status /= 0) return
@@ -445,25 +441,24 @@ contains
       do i = 1, size(waiting)
         associate (lane => lanes(waiting(i)), count => counts(i))
           query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
-          member(total + 1:total + count) = real(lane%member - 1, wp)
           total = total + count
         end associate
       end do
       do event = 1, run%events%count
-        associate (asks => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
-                                .or. nint(query(query_event, :)) == event), &
-                   times => query(query_time, :), &
+        associate (asked => pack([(j, j=1, total)], nint(query(query_event, :)) == 0 &
+                                 .or. nint(query(query_event, :)) == event), &
+                   members => query(query_member, :), times => query(query_time, :), &
                    points => query(query_numbers + 1:query_numbers + n, :))
-          if (size(asks) > 0 .and. run%events%table(event)%vectorized /= 0) then
-            call run%python%apply(events_operation, [real(event - 1, wp), times(asks), &
-                                  member(asks)], [points(:, asks)], values(:size(asks)))
+          if (size(asked) > 0 .and. run%events%table(event)%vectorized /= 0) then
+            call run%python%apply(events_operation, [real(event - 1, wp), times(asked), &
+                                  members(asked)], [points(:, asked)], values(:size(asked)))
           else
-            do j = 1, size(asks)
-              call run%events%value(nint(member(asks(j))) + 1, event, times(asks(j)), &
-                                    points(:, asks(j)), values(j), failed)
+            do j = 1, size(asked)
+              call run%events%value(nint(members(asked(j))) + 1, event, times(asked(j)), &
+                                    points(:, asked(j)), values(j), failed)
             end do
           end if
-          query(query_numbers + n + event, asks) = values(:size(asks))
+          query(query_numbers + n + event, asked) = values(:size(asked))
         end associate
       end do
       total = 0

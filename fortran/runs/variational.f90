@@ -10,7 +10,7 @@
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
-  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
+  use free_motion_m, only: complete_forces
   use coordinates_m, only: coordinate_sizes
   use derivatives_m, only: coefficients_of
   use frames_m, only: apply_flows
@@ -117,7 +117,7 @@ contains
     real(wp) :: lengths(size(f) + size(d, 1)), unit(size(lengths))
     integer :: j
 
-    lengths = self%record%step * sizes_of(self, given, y, size(f), size(d, 1))
+    lengths = self%record%step * difference_sizes(self, given, y, size(f), size(d, 1))
     unit = 0.0_wp
     associate (n => size(f), forces => self%plan%frame%forces)
       do j = merge(n + 1, 1, given(1)), merge(n, size(unit), given(2))
@@ -138,13 +138,13 @@ contains
     logical, intent(in) :: given(2)
     real(wp), contiguous, intent(in) :: y(:), f(:), x(:, :), p(:, :)
     real(wp), intent(inout) :: slope(:, :)             ! (columns, dimension)
-    real(wp) :: lengths(2), whole(size(f) + size(p, 1))
+    real(wp) :: lengths(2), sizes(size(f) + size(p, 1))
     integer :: j
 
-    whole = sizes_of(self, given, y, size(f), size(p, 1))
+    sizes = difference_sizes(self, given, y, size(f), size(p, 1))
     associate (step => self%record%step, n => size(f))
       do j = 1, size(slope, 1)
-        lengths = [maxval(abs(x(j, :)) / whole(:n)), maxval([0.0_wp, abs(p(:, j)) / whole(n + 1:)])]
+        lengths = [maxval(abs(x(j, :)) / sizes(:n)), maxval([0.0_wp, abs(p(:, j)) / sizes(n + 1:)])]
         where (given) lengths = 0.0_wp
         if (minval(lengths) * max_length_ratio > maxval(lengths)) then
           call add_difference(self, y, f, step / maxval(lengths), x(j, :), p(:, j), slope(j, :))
@@ -160,22 +160,22 @@ contains
   end subroutine add_along_directions
 
   ! The sizes of coordinates and of parameters for differences
-  function sizes_of(self, given, y, n, k) result(whole)
+  function difference_sizes(self, given, y, n, k) result(sizes)
     type(evaluation_t), intent(in) :: self
     logical, intent(in) :: given(2)          ! without df/dy, sizes of coordinates are needed
     real(wp), contiguous, intent(in) :: y(:)
     integer, intent(in) :: n, k
-    real(wp) :: whole(n + k)
-    real(wp), pointer, contiguous :: parameters(:), least(:)
+    real(wp) :: sizes(n + k)
+    real(wp), pointer, contiguous :: parameters(:), min_sizes(:)
 
-    whole(:n) = 1.0_wp
-    if (.not. given(1)) call coordinate_sizes(self%plan%frame, y, whole(:n))
-    whole(:n) = max(whole(:n), 1.0_wp)
+    sizes(:n) = 1.0_wp
+    if (.not. given(1)) call coordinate_sizes(self%plan%frame, y, sizes(:n))
+    sizes(:n) = max(sizes(:n), 1.0_wp)
     call c_f_pointer(self%parameters, parameters, [k])
-    call c_f_pointer(transfer(self%record%scales, c_null_ptr), least, [k])
-    whole(n + 1:) = max(abs(parameters), least)
-    where (.not. whole > sqrt(tiny(1.0_wp))) whole = 1.0_wp
-  end function sizes_of
+    call c_f_pointer(transfer(self%record%scales, c_null_ptr), min_sizes, [k])
+    sizes(n + 1:) = max(abs(parameters), min_sizes)
+    where (.not. sizes > sqrt(tiny(1.0_wp))) sizes = 1.0_wp
+  end function difference_sizes
 
   ! Adds the difference of f along v or by a change of parameters: a central one, or from f at the
   ! point. Parameters are changed in place, since functions of Python hold a view of them.
@@ -254,11 +254,8 @@ contains
       end if
       call call_function(self, record%f, record%f_data, y, f)
       if (self%code /= 0 .or. frame%forces == 0) return
-      call take_forces(frame, y, f)
-      if (record%forces_alone) return
-      call add_free_motion(frame, y, f)
-      if (.not. frame%jointed .or. .not. finite(size(f), f)) return
-      call add_constraint_forces(frame, y, forces_alone=.false., f=f, status=status)
+      call complete_forces(frame, y, logical(record%forces_alone), &
+                           .not. logical(record%forces_alone), f, status)
       if (status == raised) self%code = raised_in_python
       if (status /= finished) f = nan
     end associate
@@ -282,21 +279,21 @@ contains
     self%code = rhs(self%t, point, values, data)
   end subroutine call_function
 
-  ! Adds the matrix of brackets with f.
+  ! Adds the matrix of brackets xi -> [f, xi], by structure constants.
   subroutine add_bracket_matrix(record, n, f, a)
     type(variation_t), intent(in) :: record
     integer, intent(in) :: n
     real(wp), intent(in) :: f(n)
     real(wp), intent(inout) :: a(n, n)
-    integer, pointer, contiguous :: place(:, :)        ! (3, constants)
+    integer, pointer, contiguous :: index(:, :)        ! (3, constants) i, j, k
     real(wp), pointer, contiguous :: constant(:)       ! (constants)
     integer :: c, count
 
     count = int(record%constants)
-    call c_f_pointer(transfer(record%index, c_null_ptr), place, [3, count])
+    call c_f_pointer(transfer(record%index, c_null_ptr), index, [3, count])
     call c_f_pointer(transfer(record%constant, c_null_ptr), constant, [count])
     do c = 1, count
-      a(place(2, c), place(3, c)) = a(place(2, c), place(3, c)) + constant(c) * f(place(1, c))
+      a(index(2, c), index(3, c)) = a(index(2, c), index(3, c)) + constant(c) * f(index(1, c))
     end do
   end subroutine add_bracket_matrix
 

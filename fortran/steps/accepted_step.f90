@@ -1,5 +1,5 @@
 ! The output of an accepted step: its interpolant, whose nodes are requested one after the other,
-! events, points at output times, and its end. Then the next step starts there or after a jump.
+! events, points at output times, and its end, where the next step starts, or after a jump.
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
@@ -21,8 +21,8 @@ module accepted_step_m
   public :: complete_step, detect_events, examine_step, prepare_inner, &
             request_ends, request_node, receive_end, receive_node, store_output
 
-  ! jumps in a row, each within ten resolutions of time, after which they count as endless
-  integer, parameter :: max_stuck = 20
+  ! consecutive jumps, each within ten resolutions of time, above which they count as endless
+  integer, parameter :: max_jumps_in_place = 20
   ! a value of an event's function that counts as zero, relative to its values at both ends
   real(wp), parameter :: small_value = 1e-9_wp
 
@@ -37,16 +37,17 @@ contains
 
     x%seeks_events = size(x%events) > 0
     if (x%seeks_events) then
-      call evaluate_events(x, 0, 1.0_wp, x%events%after)
+      call evaluate_events(x, 0, 1.0_wp, x%events%at_end)
       if (x%status /= finished) return
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) x%needs_interpolant = any(x%events%came_from /= 0 .or. &
-      (crosses(x%events%before, x%events%after, x%problem%events%table) .and. (x%events%after /= 0 &
-       .or. (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
+    if (x%seeks_events) x%needs_interpolant = any(x%events%sign_before /= 0 .or. &
+      (crosses(x%events%at_start, x%events%at_end, x%problem%events%table) .and. &
+       (x%events%at_end /= 0 .or. &
+        (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
     if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
   end subroutine examine_step
 
@@ -69,12 +70,12 @@ contains
     integer :: k
 
     call find_zeros(x)
-    if (.not. allocated(x%zeros)) return   ! values are requested, it is rejected, or has failed
+    if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
     x%phase = phase_complete_step
     x%needs_interpolant = .false.
-    do k = 1, size(x%zeros)                  ! where one may end the step, it may be requested
+    do k = 1, size(x%zeros)                 ! a stepper may interpolate in a step that an event ends
       associate (i => x%zeros(k)%event)
-        if (x%zeros(k)%theta < 1 .or. x%events(i)%after /= 0 .or. (x%problem%record%goes_on .and. &
+        if (x%zeros(k)%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
             ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
       end associate
     end do
@@ -115,7 +116,7 @@ contains
     end if
   end subroutine request_ends
 
-  ! Stores the coefficients at an end of a step; after those at both ends its interpolant starts.
+  ! Stores the coefficients at an end of a step; with both ends its interpolant starts.
   subroutine receive_end(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -172,7 +173,7 @@ contains
       end if
     end associate
     if (any(x%frame%blocks%kind == callback_block)) &
-      x%interpolant%path = flows_of_step(x, x%interpolant%h)
+      x%interpolant%step_flows = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
@@ -238,7 +239,7 @@ contains
   subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: kept                         ! fraction of the step before the end
+    real(wp) :: theta_end                    ! where an event ends the step, as a fraction of it
     logical :: by_event                      ! whether an event ended the step
 
     if (x%interpolate_only) then
@@ -251,12 +252,12 @@ contains
     by_event = .false.
     if (x%seeks_events) then
       ! the interpolant has all its nodes, so that their memory is free
-      call store_zeros(x, output, kept, by_event, x%interpolant%y)
+      call store_zeros(x, output, theta_end, by_event, x%interpolant%y)
       if (x%status /= finished) return
       deallocate (x%zeros)
     end if
     if (by_event) then
-      call store_until(x, time_at(x, kept), x%interpolant%y, by_event, output)
+      call store_until(x, time_at(x, theta_end), x%interpolant%y, by_event, output)
     else
       call store_until(x, x%t_end, x%y(:, x%result), by_event, output)
     end if
@@ -301,23 +302,22 @@ contains
     if (by_event) then
       if (abs(t - x%t) > 10 * resolution(t)) x%jumps_in_place = 0
       x%jumps_in_place = x%jumps_in_place + 1
-      x%events%small = max(small_value * max(abs(x%events%before), abs(x%events%after)), &
-                           2 * abs(x%events%residual))
+      x%events%zero_tolerance = max( &
+        small_value * max(abs(x%events%at_start), abs(x%events%at_end)), 2 * abs(x%events%residual))
     end if
     x%t = t
     x%y(:, 0) = y
-    x%phase = phase_choose_step
+    x%phase = merge(phase_begin_segment, phase_choose_step, at_stop)
     x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
     if (jumps) call forget_step(x)
-    if (at_stop) x%phase = phase_begin_segment
     if (.not. by_event) then
-      x%events%before = x%events%after
+      x%events%at_start = x%events%at_end
     else if (any(x%events%count >= x%problem%events%table%limit) &
              .and. .not. x%problem%record%goes_on) then
       x%phase = phase_ended
       x%status = terminal_event
-    else if (x%jumps_in_place > max_stuck) then
+    else if (x%jumps_in_place > max_jumps_in_place) then
       call fail(x, jumps_without_progress, t)
     else
       x%events_known = .false.
@@ -325,7 +325,7 @@ contains
       x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment
       if (.not. any(x%events%count >= x%problem%events%table%limit)) return
-      x%status = terminal_event                      ! from which a stepper goes on
+      x%status = terminal_event                        ! a stepper goes on after it
       where (x%events%count >= x%problem%events%table%limit) x%events%count = 0
     end if
   end subroutine begin_next_step
@@ -358,7 +358,7 @@ contains
     end associate
   end subroutine store_outputs
 
-  ! Lets the next flow along a polynomial compute the points at as many output times as have room.
+  ! Lets the next flow along a polynomial compute points at as many output times as have room.
   subroutine prepare_inner(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
@@ -374,22 +374,21 @@ contains
     end associate
   end subroutine prepare_inner
 
-  ! Prepares the point at the next output time where it isn't yet.
+  ! Computes the point at the next output time, along a polynomial, unless it is known.
   subroutine prepare_next(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (point => x%request%y, inner => x%problem%inner)
-      ! members with common steps may have prepared theirs in the meantime
+    associate (point => x%request%y, inner => x%problem%inner, &
+               first => x%method%path_first(x%method%result), &
+               last => x%method%path_first(x%method%result + 1) - 1)
+      ! members with common steps may have prepared points of theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
-      associate (first => x%method%path_first(x%method%result), &
-                 last => x%method%path_first(x%method%result + 1) - 1)
-        call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
-        call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, point, &
-                               inner)
-      end associate
+      call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
+      call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, point, &
+                             inner)
       x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine prepare_next

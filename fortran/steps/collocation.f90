@@ -72,8 +72,7 @@ contains
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (x%collocation%factored_h == 0) return
-    call factor(x, x%collocation%factored_h, singular)
+    if (x%collocation%factored_h /= 0) call factor(x, x%collocation%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
@@ -102,11 +101,11 @@ contains
 
     associate (newton => x%collocation, integral => x%method%transformation%integral)
       newton%z = 0.0_wp
-      if (newton%last_h == 0) return
-      back = -newton%last_h * matmul(newton%last, sum(integral, dim=1))
+      if (newton%h_before == 0) return
+      back = -newton%h_before * matmul(newton%slopes_before, sum(integral, dim=1))
       do i = 1, 3
-        powers = [((1 + x%method%c(1 + i) * x%h / newton%last_h)**d - 1, d = 1, 3)]
-        newton%z(:, i) = newton%last_h * matmul(newton%last, matmul(powers, integral))
+        powers = [((1 + x%method%c(1 + i) * x%h / newton%h_before)**d - 1, d = 1, 3)]
+        newton%z(:, i) = newton%h_before * matmul(newton%slopes_before, matmul(powers, integral))
         call dexpinv(x%frame, x%method%series, back, newton%z(:, i), exists)
         if (.not. exists) newton%z(:, i) = 0.0_wp
       end do
@@ -125,7 +124,6 @@ contains
     associate (newton => x%collocation, n => size(x%collocation%pivot), &
                gamma => x%method%transformation%gamma / h, mu => x%method%transformation%mu / h)
       if (x%problem%record%jacobian == outside_jacobian) then
-        answer = 1.0_wp
         call x%frame%callback%apply(factor_operation, [real(x%member - 1, wp), gamma, mu], &
                                     [0.0_wp], answer)
         singular = .not. answer(1) <= 0
@@ -151,14 +149,13 @@ contains
     integer, intent(in) :: count
     real(wp), intent(inout) :: b(size(x%slope), count)
     complex(wp) :: solution(size(x%slope))
-    real(wp) :: numbers(size(b))
+    real(wp) :: solutions(size(b))
     integer :: info
 
     associate (newton => x%collocation, n => size(x%slope))
       if (x%problem%record%jacobian == outside_jacobian) then
-        numbers = [b]
-        call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], numbers)
-        b = reshape(numbers, shape(b))
+        call x%frame%callback%apply(solve_operation, [real(x%member - 1, wp)], [b], solutions)
+        b = reshape(solutions, shape(b))
       else if (count == 1) then
         call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
       else
@@ -191,7 +188,7 @@ contains
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp), dimension(size(x%slope), 3) :: d, dz        ! dz: corrections of z; d: T^-1 dz
+    real(wp), dimension(size(x%slope), 3) :: d, dz     ! dz: corrections of z; d: T^-1 dz
     real(wp) :: correction, tolerance
     integer :: remaining
     logical :: slow, solved
@@ -203,7 +200,7 @@ contains
       call solve(x, 2, d(:, 2:3))
       dz = matmul(d, transpose(x%method%transformation%t))
       remaining = merge(max_iterations, max_in_equal_steps, x%problem%adaptive) - newton%iteration
-      ! the limit and the numbers of RADAU5 for the error of Newton's method, as part of a tolerance
+      ! as in RADAU5, for the error of Newton's method in tolerances
       tolerance = rounding
       if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
                                               min(0.03_wp, sqrt(rtol)))
@@ -211,7 +208,7 @@ contains
       slow = .not. correction <= huge(1.0_wp)
       solved = correction <= 0
       if (newton%iteration > 1) then
-        newton%rate = correction / newton%norm
+        newton%rate = correction / newton%correction
         slow = slow .or. newton%rate >= 1
         if (.not. slow) then
           newton%rate_factor = newton%rate / (1 - newton%rate)
@@ -220,7 +217,7 @@ contains
         if (.not. x%problem%adaptive .and. slow .and. correction <= near_rounding) solved = .true.
       end if
       solved = solved .or. newton%rate_factor * correction <= tolerance .and. .not. slow
-      newton%norm = correction
+      newton%correction = correction
       if (solved) then
         newton%z = newton%z + dz
         x%f(:, 2:) = slopes(x)
@@ -253,14 +250,14 @@ contains
     call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%change, x%norms%scale)
     correction_norm = 0.0_wp
     do i = 1, size(dz, 2)
-      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%norms%vector)
+      call tangent(x%frame, x%tolerances, dz(:, i), x%y(:, 0), x%norms%difference)
       correction_norm = hypot(correction_norm, &
-                              error_norm(x%tolerances, x%norms%vector, x%norms%scale))
+                              error_norm(x%tolerances, x%norms%difference, x%norms%scale))
     end do
     correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
   end function correction_norm
 
-  ! Tries again with the Jacobian of the present point, or else with a smaller step.
+  ! Tries again with a fresh Jacobian, or with a smaller step if the Jacobian is fresh already.
   subroutine retry_or_reject(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -300,48 +297,46 @@ contains
     call finish_jacobian(x)
   end subroutine request_jacobian
 
-  ! The displacements of differences. They are relative to coordinates, however small, so that the
-  ! unit of the point makes no difference, or to the absolute tolerance where that is larger, since
+  ! Computes displacements for differences, relative to coordinates, however small, so that the unit
+  ! of the point makes no difference, or to the absolute tolerance where that is larger, since
   ! smaller changes may have no digits in f. A coordinate of zero without one has the size that its
-  ! slope gives it within a step. Those without control share the size of the largest of them.
+  ! slope gives it within a step. Coordinates that aren't controlled share their largest size.
   subroutine displacements(x, d)
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
     call coordinate_sizes(x%frame, x%y(:, 0), d)
     if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
-      d = max(d, merge(maxval(d, without_control(x)), x%tolerances%atol, without_control(x)))
+      d = max(d, merge(maxval(d, not_controlled(x)), x%tolerances%atol, not_controlled(x)))
     where (.not. d > 0) d = abs(x%h * x%slope)
     where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
     d = sqrt(epsilon(1.0_wp)) * d
   end subroutine displacements
 
-  ! The coordinates without control of errors, of which the derivatives of a solution are examples
-  pure function without_control(x)
+  ! The coordinates whose errors aren't controlled, such as derivatives of a solution
+  pure function not_controlled(x)
     type(trajectory_t), intent(in) :: x
-    logical :: without_control(x%frame%dimension)
+    logical :: not_controlled(x%frame%dimension)
 
-    without_control = .false.
+    not_controlled = .false.
     if (x%problem%adaptive .and. x%tolerances%in_coordinates) &
-      without_control = x%tolerances%atol > huge(1.0_wp)
-  end function without_control
+      not_controlled = x%tolerances%atol > huge(1.0_wp)
+  end function not_controlled
 
   ! Requests the coefficients at a point displaced along a field of the frame.
   subroutine request_column(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (column => x%collocation%column)
-      x%v(:, 1) = 0.0_wp
-      x%v(column, 1) = x%collocation%z(column, 1)
-      call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(x%frame, 1, x%v, x%y(:, x%result))
-      x%counts%nexp = x%counts%nexp + 1
-      call request(x, x%t, x%y(:, x%result), phase_column_received)
-    end associate
+    x%v(:, 1) = 0.0_wp
+    x%v(x%collocation%column, 1) = x%collocation%z(x%collocation%column, 1)
+    call copy(x%frame%point_size, x%y(:, 0), x%y(:, x%result))
+    call apply_flows(x%frame, 1, x%v, x%y(:, x%result))
+    x%counts%nexp = x%counts%nexp + 1
+    call request(x, x%t, x%y(:, x%result), phase_column_received)
   end subroutine request_column
 
-  ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
-  ! for derivatives of a solution it would be second differences, which have no digits.
+  ! Stores a column of the Jacobian, with zeros where coordinates that aren't controlled depend on
+  ! others: for derivatives of a solution these would be second differences, which have no digits.
   subroutine receive_column(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%slope))
@@ -350,7 +345,7 @@ contains
       newton%jacobian(:, column) = x%request%answer
       call dexpinv(x%frame, series, x%v(:, 1), newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      uncontrolled = without_control(x)
+      uncontrolled = not_controlled(x)
       if (.not. uncontrolled(column)) &
         newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1
@@ -376,7 +371,7 @@ contains
     end do
   end subroutine add_derivative_of_dexpinv
 
-  ! Marks the Jacobian as that of the present point, which its factors don't belong to.
+  ! Marks the Jacobian as fresh and as not factored.
   subroutine finish_jacobian(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -397,8 +392,8 @@ contains
   pure subroutine keep_step(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%collocation%last = x%f(:, 2:)
-    x%collocation%last_h = x%h
+    x%collocation%slopes_before = x%f(:, 2:)
+    x%collocation%h_before = x%h
     x%collocation%fresh = .false.
     x%collocation%replaced = .false.
     x%collocation%has_jacobian = converges_fast(x)

@@ -5,7 +5,7 @@
 !
 ! the predictive controller of Gustafsson after n of at most m Newton iterations of a collocation
 ! method, where few rejections matter more than smooth sizes: Hairer, Wanner, "Solving Ordinary
-! Differential Equations II", sections IV.2 and IV.8. The first size is that of volume I, II.4.
+! Differential Equations II", 1996, sections IV.2 and IV.8. For the first size see volume I, II.4.
 module controller_m
   use kinds, only: wp
   use shared_numbers, only: before_last_power, blind_fraction, failure_factor, first_error, &
@@ -16,9 +16,9 @@ module controller_m
   public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             suspected_error, min_last_predicted, predicted_size, resolution, tried_size
 
-  ! Steps of collocation methods grow by at least `worthwhile`, since factors serve one size.
-  real(wp), parameter :: max_predicted = 10.0_wp, worthwhile = 1.2_wp
-  real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
+  ! Steps of collocation methods grow by `min_growth` or not at all, since factors serve one size.
+  real(wp), parameter :: max_predicted = 10.0_wp, min_growth = 1.2_wp
+  real(wp), parameter :: min_last_predicted = 1e-2_wp  ! least e_last
   integer, parameter :: max_iterations = 7             ! Newton iterations
 
 contains
@@ -43,7 +43,7 @@ contains
     if (error < huge(error)) rejected_size = max(min_factor, safety * error**(-exponent)) * taken
   end function rejected_size
 
-  ! The size after a shortened step: that proposed before it, as far as its error allows
+  ! The size after a shortened step: the size proposed before it, as far as its error allows
   pure real(wp) function resumed_size(proposed, taken, error, exponent)
     real(wp), intent(in) :: proposed, taken, error, exponent
 
@@ -74,7 +74,7 @@ contains
                                         last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
     integer, intent(in) :: iterations      ! Newton iterations
-    logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
+    logical, intent(in) :: keeps_factors   ! whether factors can serve a next step of this size
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error
     real(wp) :: factor
@@ -90,7 +90,7 @@ contains
                / real(2 * max_iterations + iterations, wp)
       factor = min(max_predicted, max(min_factor, factor))
     end if
-    if (error <= 1 .and. factor < worthwhile .and. keeps_factors) factor = 1.0_wp
+    if (error <= 1 .and. factor < min_growth .and. keeps_factors) factor = 1.0_wp
     predicted_size = taken * factor
   end function predicted_size
 
@@ -105,19 +105,20 @@ contains
     if (tried_size < min(min_size, to_end)) tried_size = -1.0_wp
   end function tried_size
 
-  ! A first guess from the norms, in tolerances, of the point and of its derivative
+  ! A first guess, a fraction of the time |y| / |y'| in which the point changes by its size
   pure real(wp) function first_guess(point, slope, span)
-    real(wp), intent(in) :: point, slope, span           ! span: of the whole integration
+    real(wp), intent(in) :: point, slope, span         ! norms in tolerances; span: of the segment
 
     first_guess = blind_fraction * span
     if (point > negligible .and. slope * span > negligible) &
       first_guess = guess_fraction * point / slope
   end function first_guess
 
-  ! The first size, huge if there is no limit. The rate at which the solution changes stands for its
-  ! derivatives beyond the second, so that the unit of time makes no difference.
+  ! The first size, huge if none is too large. The rate r = max(|y''| / |y'|, |y'| / |y|) stands for
+  ! derivatives beyond the second, |y'| r^p h^(p + 1) = first_error, in any unit of time.
   pure real(wp) function first_size(point, slope, curvature, exponent)
-    real(wp), intent(in) :: point, slope, curvature, exponent
+    real(wp), intent(in) :: point, slope, curvature    ! norms of y, y' and y'' in tolerances
+    real(wp), intent(in) :: exponent                   ! 1 / (p + 1)
     real(wp) :: rate
 
     first_size = huge(first_size)

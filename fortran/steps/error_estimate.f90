@@ -9,11 +9,11 @@
 ! form at_end_estimate (same file) e2, of a sum that sees the end of the step, which results don't,
 ! isn't a divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
 !
-! Two such differences have two parts: that of the quadratures, where all values of f commute, and
-! the rest, from commutators. Where f changes along its own direction, and hardly in others, e2 is
-! all quadrature and e1 is all commutators, and the quotient says nothing. Thus both parts have a
-! quotient of their own, and the estimate is the larger one, or their sum for Magnus methods. The
-! forms parts_of_..._estimate say where the parts come from.
+! Two such differences have two parts, the quadratures, where all values of f commute, and the rest,
+! from commutators. Where f changes along its own direction, and hardly in others, e2 is all
+! quadrature and e1 is all commutators, and the quotient says nothing. Thus each part has a quotient
+! of its own, and the estimate is the larger one, or their sum for Magnus methods. An EstimateForm
+! (cg/support/shared_numbers.py) says where the parts come from.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
@@ -25,7 +25,7 @@
 ! and D prod_j (t - t_j), which is O(h^(n - 1)) for smooth coefficients, estimates how much they
 ! differ from it within the step. In the first step of all there are none before, and quotients say
 ! nothing if the nodes don't resolve the coefficients, such as several periods: e1 itself counts, or
-! else e2, unless they are small compared with their variation.
+! else e2, unless they are small compared with the variation of the coefficients.
 module error_estimate_m
   use kinds, only: wp
   use collocation_m, only: damp_displacement
@@ -43,33 +43,33 @@ module error_estimate_m
 
   ! Change of the angle from which differences of results of Magnus methods may vanish by chance
   real(wp), parameter :: max_change = 3.0_wp
-  real(wp), parameter :: min_excess = 0.1_wp           ! below which steps may grow freely
+  real(wp), parameter :: min_excess = 0.1_wp           ! errors up to it let steps grow freely
 
 contains
 
   ! Estimates the error of a step from differences, and from how its coefficients change.
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: errors(2, 3)                 ! (part, difference); first the quadratures
+    real(wp) :: e(2, 3)                      ! (part, i) e_i of the quadratures and of the rest
     real(wp) :: parts(2), change
 
-    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%vector, &
+    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%difference, &
                       x%norms%scale)
     if (x%method%embedded > 0) then
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
-    call difference_norms(x, errors)
-    x%error = combined(x%method, errors(1, 1), errors(1, 2))
+    call difference_norms(x, e)
+    x%error = combined(x%method, e(1, 1), e(1, 2))
     if (x%method%in_parts) then
-      parts = [x%error, combined(x%method, errors(2, 1), errors(2, 2))]
+      parts = [x%error, combined(x%method, e(2, 1), e(2, 2))]
       x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
-      if (x%method%kind == linear_kind .and. errors(2, 2) > 1) call limit_change(x, errors(2, 2))
+      if (x%method%kind == linear_kind .and. e(2, 2) > 1) call raise_by_change(x, e(2, 2))
     else if (x%method%estimate == at_end_estimate) then
-      if (errors(1, 3) > 0 .and. errors(1, 3) <= huge(errors)) &
-        errors(1, 2) = errors(1, 2) * (errors(1, 2) / hypot(errors(1, 2), errors(1, 3)))
-      x%error = max(errors(1, 1), x%method%factor * errors(1, 2))
+      if (e(1, 3) > 0 .and. e(1, 3) <= huge(1.0_wp)) &
+        e(1, 2) = e(1, 2) * (e(1, 2) / hypot(e(1, 2), e(1, 3)))
+      x%error = max(e(1, 1), x%method%factor * e(1, 2))
     end if
-    call limit_angle(x)
+    call raise_by_angle(x)
     if (.not. x%method%uses_last_nodes) return
     if (x%h_before /= 0) then
       call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%norms%displacement)
@@ -77,12 +77,12 @@ contains
       call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
       x%error = max(x%error, displacement_norm(x))
     else if (x%counts%steps == 0) then
-      ! without parts the second one is no estimate of its own
+      ! without parts e2 is no estimate of its own
       change = variation(x)
-      if (errors(1, 1) > resolved_first * change) then
-        x%error = max(x%error, errors(1, 1))
-      else if (x%method%in_parts .and. errors(1, 2) > resolved_second * change) then
-        x%error = max(x%error, errors(1, 2))
+      if (e(1, 1) > resolved_first * change) then
+        x%error = max(x%error, e(1, 1))
+      else if (x%method%in_parts .and. e(1, 2) > resolved_second * change) then
+        x%error = max(x%error, e(1, 2))
       end if
     end if
   end subroutine estimate_error
@@ -103,27 +103,25 @@ contains
   ! belongs to one difference, but sums at the end of the step belong to e2 and e3. The parts are
   ! the sums, and the rest: with a third result, of the differences of results; where exponents of
   ! Magnus methods are compared, sums of its own; on the algebra, sums of what dexp^-1 adds.
-  subroutine difference_norms(x, errors)
+  subroutine difference_norms(x, e)
     type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
-    real(wp), intent(out) :: errors(:, :)    ! (part, difference)
+    real(wp), intent(out) :: e(:, :)         ! (part, i)
     real(wp), allocatable :: weight(:)       ! (summands)
     real(wp) :: error
-    integer :: i, part, place
+    integer :: i, k, part
 
-    errors = 0.0_wp
-    associate (method => x%method, last => size(x%method%error, 2), u => x%norms%displacement)
-      if (method%embedded > 0 .and. .not. method%in_parts) &
-        errors(1, 1) = distance(x, method%embedded)
-      do i = 1, last
-        place = merge(1, 2, i <= (last + 1) / 2)
-        if (method%estimate == at_end_estimate) place = 1 + i
-        part = 1
-        if (method%estimate == parts_of_sums_estimate) part = 2 - mod(i, 2)
-        weight = x%h * method%error(:, i)
+    e = 0.0_wp
+    associate (method => x%method, sums => size(x%method%error, 2), u => x%norms%displacement)
+      if (method%embedded > 0 .and. .not. method%in_parts) e(1, 1) = distance(x, method%embedded)
+      do k = 1, sums
+        i = merge(1, 2, k <= (sums + 1) / 2)
+        if (method%estimate == at_end_estimate) i = 1 + k
+        part = merge(2 - mod(k, 2), 1, method%estimate == parts_of_sums_estimate)
+        weight = x%h * method%error(:, k)
         if (size(x%added) > 0) then
           call combine(size(u), size(x%f, 2), weight, x%added, u)
           call remove_isotropy(x%frame, x%y(:, x%result), u)
-          call take_larger(errors(2, place), displacement_norm(x))
+          call take_larger(e(2, i), displacement_norm(x))
           x%v(:, 1) = u                      ! the rest; all flows have been followed
         end if
         call combine(size(u), size(x%f, 2), weight, x%f, u)
@@ -131,16 +129,16 @@ contains
         call remove_isotropy(x%frame, x%y(:, x%result), u)
         if (size(x%added) > 0) u = u - x%v(:, 1)
         error = displacement_norm(x)
-        if (method%kind == polynomial_kind) error = hypot(errors(1, place), error)
-        call take_larger(errors(part, place), error)
+        if (method%kind == polynomial_kind) error = hypot(e(1, i), error)
+        call take_larger(e(part, i), error)
         if (method%estimate /= parts_of_results_estimate) cycle
-        if (i == 1) call take_larger(errors(2, place), distance(x, method%embedded, x%norms%change))
-        if (i == last) call take_larger(errors(2, place), distance(x, method%third, x%norms%change))
+        if (k == 1) call take_larger(e(2, i), distance(x, method%embedded, x%norms%change))
+        if (k == sums) call take_larger(e(2, i), distance(x, method%third, x%norms%change))
       end do
     end associate
   end subroutine difference_norms
 
-  ! Replaces an error by another one that is larger, as NaN counts.
+  ! Replaces an error by a larger one; NaN is larger than any number.
   pure subroutine take_larger(error, other)
     real(wp), intent(inout) :: error
     real(wp), intent(in) :: other
@@ -148,8 +146,8 @@ contains
     if (.not. other <= error) error = other
   end subroutine take_larger
 
-  ! Raises the error of a step of a Magnus method where differences may vanish by chance.
-  subroutine limit_change(x, rest)
+  ! Raises the error of a step of a Magnus method, whose differences may vanish by chance.
+  subroutine raise_by_change(x, rest)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: rest    ! the rest of e2
     real(wp) :: change, power
@@ -164,7 +162,7 @@ contains
     ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
     x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
     if (change > max_change) x%error = max(x%error, (change / max_change)**power)
-  end subroutine limit_change
+  end subroutine raise_by_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power
   pure real(wp) function combined(method, e1, e2)
@@ -178,17 +176,17 @@ contains
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
-  subroutine limit_angle(x)
+  subroutine raise_by_angle(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
 
     if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
     excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
-    if (excess <= min_excess) return         ! a power above one makes it smaller still
+    if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%error, min_excess)) return
     if (.not. variation(x) <= 1) x%error = excess
-  end subroutine limit_angle
+  end subroutine raise_by_angle
 
   ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what
   ! rounding explains. Times are in units of the step, from its start.
@@ -198,27 +196,27 @@ contains
     real(wp), intent(in) :: ratio            ! size of the step before over that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp), allocatable :: t(:), values(:, :)        ! (nodes of both), (dimension, nodes of both)
-    real(wp) :: sizes(size(v)), largest, weight
-    integer, allocatable :: kept(:)
+    real(wp), allocatable :: t(:), nodal_f(:, :)       ! (nodes of both), (dimension, nodes of both)
+    real(wp) :: moduli(size(v)), largest, weight       ! largest: of prod_j (t - t_j)
+    integer, allocatable :: new_nodes(:)               ! nodes before that this step doesn't have
     integer :: j, k
 
     ! the end of the step before is the start of this one
-    kept = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
-    t = [(c(kept) - 1) * ratio, c]
-    values = reshape([f_before(:, kept), f(:, :size(c))], [size(v), size(t)])
+    new_nodes = pack([(j, j=1, size(c))], (c - 1) * ratio /= c(1))
+    t = [(c(new_nodes) - 1) * ratio, c]
+    nodal_f = reshape([f_before(:, new_nodes), f(:, :size(c))], [size(v), size(t)])
     v = 0.0_wp
-    sizes = 0.0_wp
+    moduli = 0.0_wp
     largest = 0.0_wp
     do k = 1, size(t)
       weight = 1 / product(t(k) - t, mask=[(j /= k, j=1, size(t))])
-      v = v + weight * values(:, k)
-      sizes = sizes + abs(weight * values(:, k))
+      v = v + weight * nodal_f(:, k)
+      moduli = moduli + abs(weight * nodal_f(:, k))
     end do
-    do k = size(kept) + 1, size(t) - 1
+    do k = size(new_nodes) + 1, size(t) - 1
       largest = max(largest, abs(product((t(k) + t(k + 1)) / 2 - t)))
     end do
-    v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * sizes)
+    v = largest * merge(v, 0.0_wp, abs(v) > roundings * epsilon(v) * moduli)
   end subroutine node_difference
 
   ! The norm of the difference of the result from another one, without a part of it
@@ -228,12 +226,12 @@ contains
     real(wp), intent(in), optional :: part(:)          ! (width)
 
     if (x%tolerances%in_coordinates) then
-      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%vector)
+      call difference(x%frame, x%y(:, path), x%y(:, x%result), x%norms%difference)
     else
-      x%norms%vector(:) = x%y(:, x%result) - x%y(:, path)
+      x%norms%difference(:) = x%y(:, x%result) - x%y(:, path)
     end if
-    if (present(part)) x%norms%vector(:) = x%norms%vector - part(:size(x%norms%vector))
-    distance = error_norm(x%tolerances, x%norms%vector, x%norms%scale)
+    if (present(part)) x%norms%difference(:) = x%norms%difference - part(:size(x%norms%difference))
+    distance = error_norm(x%tolerances, x%norms%difference, x%norms%scale)
   end function distance
 
   ! The norm of norms%displacement at the end of the step; norms%change is set on the way.

@@ -32,10 +32,10 @@ contains
     type(record_t), intent(in) :: record     ! record of the run, with gamma and k_B T of the bath
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: member            ! number in the run, from 1
-    real(wp), intent(in) :: t, time          ! t: of the step; time: that of the exchange
+    real(wp), intent(in) :: t, time          ! t: of the step; time: how long heat is exchanged
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: noise(frame%forces + 3), kept, deviation
-    integer(int64) :: tick
+    real(wp) :: noise(frame%forces + 3), decay, deviation
+    integer(int64) :: tick                   ! the noise is a function of it
     integer :: i, k
 
     ! the time in units of h / 2^20, by which times that differ by rounding are equal
@@ -44,18 +44,17 @@ contains
       call normal_variates([record%seed, record%first_member + int(member - 1, int64)], &
                            [tick, int(k / 4, int64)], noise(k:k + 3))
     end do
-    kept = exp(-record%friction * time)
-    deviation = sqrt(record%temperature * (1 - kept) * (1 + kept))
+    decay = exp(-record%friction * time)
+    deviation = sqrt(record%temperature * (1 - decay) * (1 + decay))
     k = frame%momenta_offset
     do i = 1, size(frame%bodies)
-      associate (v => frame%blocks(i)%v1, last => frame%blocks(i)%v2, root => frame%bodies(i)%root)
-        associate (momentum => y(k + v:k + last), xi => noise(v:last))
-          if (size(root, 2) == 1) then
-            momentum = kept * momentum + deviation * root(:, 1) * xi
-          else
-            momentum = kept * momentum + deviation * matmul(root, xi)
-          end if
-        end associate
+      associate (root => frame%bodies(i)%root, xi => noise(frame%blocks(i)%v1:frame%blocks(i)%v2), &
+                 momentum => y(k + frame%blocks(i)%v1:k + frame%blocks(i)%v2))
+        if (size(root, 2) == 1) then
+          momentum = decay * momentum + deviation * root(:, 1) * xi
+        else
+          momentum = decay * momentum + deviation * matmul(root, xi)
+        end if
       end associate
     end do
     call make_tangential(frame, y(:k), y(k + 1:))

@@ -23,8 +23,8 @@ module implicit_m
   public :: request_implicit, receive_implicit
 
   real(wp), parameter :: rounding = 1e-10_wp   ! corrections below it may be rounding errors of f
-  real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
-  real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
+  real(wp), parameter :: max_rate = 0.1_wp     ! of corrections, above which factors are replaced
+  real(wp), parameter :: max_growth = 1e3_wp   ! of residuals, above which an iteration diverges
 
 contains
 
@@ -32,9 +32,9 @@ contains
   subroutine request_implicit(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%implicit%first == 0) then
+    if (x%implicit%first_stage == 0) then
       x%f = spread(x%slope, 2, size(x%f, 2))
-      x%implicit%last = 0
+      x%implicit%last_stage = 0
       call next_block(x)
       if (x%phase == phase_finish_step) return
     end if
@@ -45,26 +45,29 @@ contains
   subroutine next_block(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%implicit%last > 0) call rewind_paths(x)
-    do
-      x%implicit%first = x%implicit%last + 1
-      if (x%implicit%first > size(x%method%c)) exit
-      x%implicit%last = x%implicit%last + size(x%method%c) / x%method%blocks
-      if (x%implicit%first < x%implicit%last .or. x%method%stage_path(x%implicit%first) > 0) exit
-    end do
-    x%implicit%iteration = 1
-    x%implicit%column = 0
-    x%implicit%correction = huge(1.0_wp)
-    x%implicit%smallest = huge(1.0_wp)
-    x%stage = x%implicit%first
-    x%phase = merge(phase_finish_step, phase_next_stage, x%implicit%first > size(x%method%c))
+    associate (solver => x%implicit, stages => size(x%method%c))
+      if (solver%last_stage > 0) call rewind_paths(x)
+      do
+        solver%first_stage = solver%last_stage + 1
+        if (solver%first_stage > stages) exit
+        solver%last_stage = solver%last_stage + stages / x%method%blocks
+        if (solver%first_stage < solver%last_stage) exit
+        if (x%method%stage_path(solver%first_stage) > 0) exit
+      end do
+      solver%iteration = 1
+      solver%column = 0
+      solver%correction = huge(1.0_wp)
+      solver%min_residual = huge(1.0_wp)
+      x%stage = solver%first_stage
+      x%phase = merge(phase_finish_step, phase_next_stage, solver%first_stage > stages)
+    end associate
   end subroutine next_block
 
   ! Returns to the first stage of the block. If it is the only one, only its path is followed again.
   pure subroutine rewind_paths(x)
     type(trajectory_t), intent(inout) :: x
 
-    x%stage = x%implicit%first
+    x%stage = x%implicit%first_stage
     x%paths_followed = 0
     if (x%method%blocks > 1 .and. .not. x%problem%record%of_time) &
       x%paths_followed = max(x%method%stage_path(x%stage) - 1, 0)
@@ -76,7 +79,7 @@ contains
     integer :: block, flow, info, row
 
     associate (solver => x%implicit, n => size(x%f, 1), method => x%method)
-      block = merge(solver%first, 1, method%blocks > 1)
+      block = merge(solver%first_stage, 1, method%blocks > 1)
       if (method%blocks > 1) then
         flow = method%path_first(method%stage_path(x%stage) + 1) - 1     ! the last one to its point
         if (method%flows%stage(method%flows%first(flow)) /= x%stage) then      ! explicit
@@ -88,13 +91,13 @@ contains
       if (solver%column == 0) then
         solver%value(:, x%stage) = x%request%answer
       else
-        row = (x%stage - solver%first) * n
+        row = (x%stage - solver%first_stage) * n
         solver%lu(row + 1:row + n, solver%column, block) = &
           (solver%value(:, x%stage) - x%request%answer) / solver%displacement
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage
-      if (x%stage <= solver%last) return
+      if (x%stage <= solver%last_stage) return
       call rewind_paths(x)
       call prepare_correction(x, block, info)
       if (info /= 0) then
@@ -116,7 +119,7 @@ contains
     info = 0
     associate (solver => x%implicit, n => size(x%f, 1))
       if (solver%column > 0) then
-        x%f(1 + mod(solver%column - 1, n), solver%first + &
+        x%f(1 + mod(solver%column - 1, n), solver%first_stage + &
             (solver%column - 1) / n) = solver%undisplaced
         solver%column = solver%column + 1
       else if (.not. (solver%fixed_point .or. solver%factored_h(block) == x%h)) then
@@ -138,7 +141,7 @@ contains
     real(wp) :: scale(size(x%f, 1))
 
     associate (solver => x%implicit, i => 1 + mod(x%implicit%column - 1, size(x%f, 1)), &
-               stage => x%implicit%first + (x%implicit%column - 1) / size(x%f, 1))
+               stage => x%implicit%first_stage + (x%implicit%column - 1) / size(x%f, 1))
       call scale_of(x, x%f(:, stage), scale)
       solver%undisplaced = x%f(i, stage)
       x%f(i, stage) = solver%undisplaced + sqrt(epsilon(1.0_wp)) * scale(i)
@@ -176,11 +179,12 @@ contains
   subroutine correct(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
-    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%implicit%first: x%implicit%last), correction
-    integer :: i, info, limit
+    real(wp) :: d(size(x%f, 1), x%implicit%first_stage:x%implicit%last_stage)      ! the corrections
+    real(wp) :: scale(size(x%f, 1)), correction        ! correction: the largest one, relative
+    integer :: i, info, max_iterations
 
-    associate (solver => x%implicit)
-      d = solver%value(:, solver%first:solver%last) - x%f(:, solver%first:solver%last)
+    associate (solver => x%implicit, first => x%implicit%first_stage, last => x%implicit%last_stage)
+      d = solver%value(:, first:last) - x%f(:, first:last)
       solver%residual = maxval(abs(d))
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
                                                 solver%pivot(:, block), d, size(d), info)
@@ -189,7 +193,7 @@ contains
         return
       end if
       correction = 0.0_wp
-      do i = solver%first, solver%last
+      do i = first, last
         x%f(:, i) = x%f(:, i) + d(:, i)
         call scale_of(x, x%f(:, i), scale)
         correction = max(correction, maxval(abs(d(:, i)) / scale))
@@ -199,14 +203,16 @@ contains
         call next_block(x)
         return
       end if
-      limit = merge(fixed_point_limit, newton_limit, solver%fixed_point)
-      if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
+      max_iterations = merge(fixed_point_limit, newton_limit, solver%fixed_point)
+      if (.not. solver%residual <= max_growth * solver%min_residual &
+          .or. solver%iteration == max_iterations) then
         call reject_block(x, block)
         return
       end if
-      if (correction > max(slow * solver%correction, rounding)) solver%factored_h(block) = 0.0_wp
+      if (correction > max(max_rate * solver%correction, rounding)) &
+        solver%factored_h(block) = 0.0_wp
       solver%correction = correction
-      solver%smallest = min(solver%smallest, solver%residual)
+      solver%min_residual = min(solver%min_residual, solver%residual)
       solver%iteration = solver%iteration + 1
     end associate
   end subroutine correct

@@ -1,4 +1,4 @@
-! What steps ask for at a time. Right-hand sides are functions in C,
+! Right-hand sides with their inputs, and grids of times. Right-hand sides are functions in C,
 !   int rhs(double t, const double *y, double *f, void *user_data)
 ! which give the coefficients f of the field sum_i f_i(t, y) E_i(y) at one point. Inputs of compiled
 ! ones, values of piecewise polynomials, are written behind the parameters of a member. Times of
@@ -16,7 +16,7 @@ module inputs_m
 
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
-    real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
+    real(wp) :: last = 0.0_wp, stop = 0.0_wp           ! last: size of the last step
     integer(int64) :: steps = 0
   end type grid_t
 
@@ -105,7 +105,7 @@ contains
         call c_f_pointer( &
           transfer(input%coefficients + int(member - 1, c_intptr_t) * input%stride, c_null_ptr), &
           coefficients, [input%width, input%pieces, input%powers])
-        call c_f_pointer(transfer(data + 8 * input%place, c_null_ptr), values, [input%width])
+        call c_f_pointer(transfer(data + 8 * input%offset, c_null_ptr), values, [input%width])
         piece = last_before(starts, t)
         s = t - starts(piece)
         do j = 1, int(input%width)           ! whole arrays, pointers, would be copied

@@ -9,10 +9,10 @@
 !
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
-! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
-! with n nodes leads, or of splitting methods those at n + 2. For linear equations with flows along
-! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
-! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
+! Nodes are added one at a time, with splitting methods two: the coefficients at n + 1 (n + 2)
+! nodes are evaluated where the interpolant with n nodes leads. For linear equations with flows
+! along polynomials, z with nodes at the stages is y, without a last flow. The coefficients of a
+! splitting method are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
 ! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order
@@ -28,8 +28,8 @@
 !   u(theta) = h sum_d phi_d(theta) sum_j basis_jd k_j,
 !   phi_d = theta, theta (1 - theta), theta^2 (1 - theta), theta^2 (1 - theta)^2, ...,
 !
-! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
-! the mean u(1) / h, then that at the end, and those at further nodes, where the ones before lead.
+! in derivatives k_j of coordinates: at the stages of a flat method, or at the start and the mean
+! u(1) / h; then at the end, and at further nodes, to each of which the k_j before it lead.
 module interpolant_m
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
@@ -50,13 +50,13 @@ module interpolant_m
     type(scheme_t), pointer :: scheme => null()
     logical :: on_algebra = .false., complete = .false.
     logical :: noisy = .false.               ! whether noise is in the middle of the step
-    integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
-    integer :: node = 0                      ! the next one, of the interpolant with more nodes
-    integer :: nexp = 0                      ! flows that it took and that aren't counted yet
+    integer :: known = 0                     ! derivatives or nodes so far, their number
+    integer :: node = 0                      ! the next node, of the interpolant with more nodes
+    integer :: nexp = 0                      ! flows followed that aren't counted yet
     real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
-    ! (dimension times flows) those of the step, of a frame in Python if they are kept
-    real(wp), allocatable :: path(:)
+    ! (dimension times flows) the flows of the step on a frame in Python, if f at stages is stored
+    real(wp), allocatable :: step_flows(:)
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
@@ -66,7 +66,7 @@ module interpolant_m
     real(wp), allocatable :: next(:, :)
   end type interpolant_t
 
-  integer, parameter :: iterations = 20
+  integer, parameter :: max_iterations = 20                      ! of Newton's method in find_mean
   real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! with a square below rounding
 
 contains
@@ -81,7 +81,7 @@ contains
     self%frame => frame
     self%scheme => scheme
     associate (n => frame%point_size, m => frame%dimension, derivatives => size(scheme%basis, 1))
-      allocate (self%path(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
+      allocate (self%step_flows(0), self%y0(n), self%y1(n), self%u(m), self%y(n), &
                 self%weight(max(1, derivatives, size(scheme%basis, 2))), &
                 self%vectors(m, scheme%vectors), self%next(m, max(scheme%nodes, derivatives)), &
                 self%v(m, size(scheme%weight, 2) + 1), stat=alloc_status)
@@ -95,15 +95,15 @@ contains
     type(interpolant_t), intent(in) :: self
 
     next_count = self%known + 1
-    if (.not. allocated(self%scheme%drift)) return
-    if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
+    if (allocated(self%scheme%drift) .and. modulo(self%scheme%nodes - self%known, 2) == 0) &
+      next_count = self%known + 2
   end function next_count
 
   ! Gives an interpolant by flows its number of nodes, and the last flow, from z(1) to y1.
   subroutine add_last_flow(nodes, self)
     integer, intent(in) :: nodes
     type(interpolant_t), intent(inout) :: self
-    real(wp), dimension(self%frame%point_size) :: reached, aim
+    real(wp), dimension(self%frame%point_size) :: reached, aim         ! z(1) and y1
     real(wp) :: v(self%frame%dimension)
 
     self%known = nodes
@@ -112,9 +112,9 @@ contains
     aim = self%y1
     call follow_flows(self, merge(nearest(0.5_wp, -1.0_wp), 1.0_wp, self%noisy), reached)
     if (self%noisy) call follow_flows(self, 0.5_wp, aim)
-    if (size(self%path) > 0) then
+    if (size(self%step_flows) > 0) then
       call self%frame%callback%apply(nearest_operation, &
-        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%path], aim, v)
+        [reached, -self%v(:, size(self%v, 2) - 1:1:-1), self%step_flows], aim, v)
     else
       call difference_nearby(self%frame, reached, aim, nearest_operation, v)
     end if
@@ -125,7 +125,7 @@ contains
     self%complete = nodes == self%scheme%nodes
   end subroutine add_last_flow
 
-  ! Computes a difference of nearby points on any frame, by an operation where it isn't known here.
+  ! Computes a difference of nearby points on any frame, in Python where it isn't known here.
   subroutine difference_nearby(frame, x, y, operation, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)
@@ -193,7 +193,7 @@ contains
 
   ! Starts an interpolant from the ends and the stages of its step.
   subroutine begin_interpolant(unique_flows, stages, self, exists)
-    logical, intent(in) :: unique_flows      ! whether coordinates are known from the ends
+    logical, intent(in) :: unique_flows      ! whether the ends determine coordinates
     real(wp), intent(in) :: stages(:, :)     ! (dimension, stages) of a flat method, derivatives
     type(interpolant_t), intent(inout) :: self
     logical, intent(out) :: exists           ! false if the step is too long for coordinates
@@ -213,23 +213,20 @@ contains
       call add_last_flow(2, self)
       return
     end if
-    associate (k => self%next, final => self%scheme%final, h => self%h, &
-               first => self%vectors(:, 1), last => self%vectors(:, 2))
+    associate (k => self%next, final => self%scheme%final, n => size(stages, 2))
       if (self%scheme%flat) then
-        k(:, :size(stages, 2)) = stages
-        self%known = max(size(stages, 2), final)
-        if (final > size(stages, 2)) then
-          k(:, final) = last
-          self%weight(:size(stages, 2)) = h * self%scheme%basis(:size(stages, 2), 1)
-          call combine(self%frame%dimension, size(stages, 2), self%weight, k, self%u)
-          call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
-        end if
+        k(:, :n) = stages
+        self%known = max(n, final)
+        self%weight(:n) = self%h * self%scheme%basis(:n, 1)
+        if (final > n) call combine(self%frame%dimension, n, self%weight, k, self%u)
       else
-        k(:, 1) = first
+        k(:, 1) = self%vectors(:, 1)
         self%known = final
         call find_mean(self, exists)
-        k(:, final) = last
-        if (exists) call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
+      end if
+      if (exists .and. (final > n .or. .not. self%scheme%flat)) then   ! the end isn't a stage
+        k(:, final) = self%vectors(:, 2)
+        call dexpinv(self%frame, self%scheme%series, self%u, k(:, final), exists)
       end if
     end associate
     call finish_or_fall_back(self, exists)
@@ -259,7 +256,7 @@ contains
     integer :: i
 
     self%u = self%h * (self%vectors(:, 1) + self%vectors(:, 2)) / 2
-    do i = 1, iterations
+    do i = 1, max_iterations
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
       self%nexp = self%nexp + 1
@@ -272,13 +269,13 @@ contains
       if (exists) exit
     end do
     self%next(:, 2) = self%u / self%h
-    self%u = self%h * self%next(:, 2)        ! with the rounding of what is evaluated
+    self%u = self%h * self%next(:, 2)        ! rounded as by evaluate_interpolant
   end subroutine find_mean
 
   ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the
   ! cubic of Hermite, or a multiple of those of y1 where the derivative at the end doesn't exist.
   subroutine make_cubic(exists, self)
-    logical, intent(in) :: exists            ! as from begin_interpolant
+    logical, intent(in) :: exists            ! the result of begin_interpolant
     type(interpolant_t), intent(inout) :: self
 
     if (.not. self%on_algebra) return           ! the interpolant has two nodes already
@@ -307,7 +304,7 @@ contains
     if (self%on_algebra) then
       extra = self%known - size(self%scheme%basis, 1) + size(self%scheme%theta) + 1
       theta = self%scheme%theta(extra)
-      self%weight(:self%known) = self%h * self%scheme%row(:self%known, extra)
+      self%weight(:self%known) = self%h * self%scheme%node_weights(:self%known, extra)
       call combine(self%frame%dimension, self%known, self%weight, self%next, self%u)
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
@@ -317,7 +314,7 @@ contains
     end if
   end subroutine next_node
 
-  ! Stores the coefficients at the node. By flows, nodes are used when all are known.
+  ! Stores the coefficients at the node. By flows, new nodes are used together.
   subroutine add_node(f, self, exists)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self
@@ -377,16 +374,16 @@ contains
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
     real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
-    integer :: k, place(size(theta))         ! where each is in increasing order
+    integer :: k, rank(size(theta))          ! rank: of each fraction, the smallest first
 
-    place = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
+    rank = [(count(theta < theta(k)) + count(theta(:k) == theta(k)), k=1, size(theta))]
     inner%count = size(theta)
     inner%theta = theta
-    inner%theta(place) = theta
+    inner%theta(rank) = theta
     inner%y = y
     reached = self%y0
     call follow_flows(self, 1.0_wp, reached, inner)
-    y = inner%y(:, place)
+    y = inner%y(:, rank)
   end subroutine evaluate_inner
 
 end module interpolant_m

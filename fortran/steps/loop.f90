@@ -1,8 +1,8 @@
 ! The loop over steps of one trajectory, as a state machine that can pause anywhere and be resumed.
-! Unless the right-hand side is vectorized, requests for coefficients are answered at once. Else
-! `resume` sets a status (needs_rhs: coefficients at request%t and request%y; needs_events: values
-! of events at `query`; needs_maximum: of a number over all trajectories with common steps; paused)
-! and is called again with the answer. The phase says where to continue. Phases follow each other as
+! A right-hand side that isn't vectorized is called at once. Otherwise `resume` returns a status:
+! needs_rhs for coefficients at request%t and request%y, needs_events for values of events at
+! `query`, needs_maximum for the largest request%shared of all with common steps, or paused.
+! It is called again with the answer, and continues with the phase. Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
@@ -39,12 +39,12 @@ contains
     do while (x%status == finished .and. x%phase /= phase_ended)
       call advance(x, output, budget)
       if (x%status == needs_events) exit
-      x%queries = 0                          ! values are for one phase, which is done
+      x%queries = 0                          ! the phase that needed values of events is done
       x%answered = 0
     end do
   end subroutine resume
 
-  ! Does what the phase says, which sets the next phase.
+  ! Runs the procedure of the phase, which sets the next phase.
   subroutine advance(x, output, budget)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
@@ -100,13 +100,13 @@ contains
       call complete_step(x, output)
     case (phase_step_shared)
       x%phase = phase_store_output
-      if (x%request%shared > 0) call retry_step(x)   ! since one of the trajectories must
+      if (x%request%shared > 0) call retry_step(x)     ! as another trajectory has to
     case (phase_store_output)
       call store_output(x, output)
     end select
   end subroutine advance
 
-  ! Stores the coefficients at the start, by which sizes that wait for them are chosen.
+  ! Stores the coefficients at the start, by which a size may be chosen, or chosen again.
   subroutine receive_slope(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -114,7 +114,7 @@ contains
     x%slope_known = .true.
     x%phase = phase_next_stage
     if (.not. x%problem%adaptive) return
-    if (x%control%step_size > max_step_by_turn(x)) then ! chosen again, now that it is known
+    if (x%control%step_size > max_step_by_turn(x)) then      ! which the slope has just limited
       x%control%attempts = x%control%attempts - 1
       x%phase = phase_choose_step
     end if

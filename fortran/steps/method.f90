@@ -1,4 +1,4 @@
-! A method as paths of flows between points: stages, results, and forks of paths.
+! A method as paths of flows between points: stages, results, and points where paths fork.
 module method_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
@@ -25,40 +25,40 @@ module method_m
     logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
-    integer :: final = 0                     ! the derivative at the end
+    integer :: final = 0                     ! number of the derivative at the end
     integer :: series = 0                    ! order up to which dexp^-1 is needed
     real(wp), allocatable :: theta(:)        ! (further) nodes
-    real(wp), allocatable :: row(:, :)       ! (derivatives, further) what leads there
+    real(wp), allocatable :: node_weights(:, :)        ! (derivatives, further) of k_j in u there
     real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
-    ! elsewhere
+    ! by flows
     integer :: nodes = 2
     real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
     real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
     real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
     real(wp), allocatable :: weight(:, :)    ! (stages, flows)
-    real(wp), allocatable :: drift(:)        ! (flows) in steps, after kicks of splitting methods
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, of a splitting method, after kicks
   end type scheme_t
 
   type :: method_t
     integer :: kind = 0                      ! a StepKind: by it step.f90 and paths.f90 choose
-    ! paths, each after the path to its start
-    integer, allocatable :: origin(:)        ! (paths) that path, 0 for the start of the step
+    ! paths
+    integer, allocatable :: origin(:)        ! (paths) the path before, 0 for the start of the step
     integer, allocatable :: path_first(:)    ! (paths + 1) first flow
     type(flow_sequence_t) :: flows           ! flows of all paths, with fields at the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
     ! results
-    integer :: result = 0                    ! the path to it
-    integer :: embedded = 0, third = 0       ! the paths to a second and a third one, or 0
-    logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
+    integer :: result = 0                    ! the path to the result
+    integer :: embedded = 0, third = 0       ! paths to a second and a third result, or 0
+    logical, allocatable :: leads(:)         ! (0:paths) whether a path leads to a result
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     real(wp), allocatable :: a(:), b(:)      ! (stages) of a method of two registers
     logical :: uses_last_nodes = .false.     ! whether estimates use the nodes of the step before
     integer :: estimate = whole_estimate     ! an EstimateForm
     logical :: in_parts = .false.            ! whether error estimates are of two parts
     integer :: blocks = 0                    ! number of sets of stages solved together
-    type(transformation_t) :: transformation ! for a collocation method
+    type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! power of a quotient, see error_estimate_m
     real(wp) :: factor = 1.0_wp              ! factor of the second estimate in the quotient
@@ -70,7 +70,6 @@ module method_m
 
 contains
 
-  ! Makes a method from its table.
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
@@ -123,7 +122,7 @@ contains
         at_stages=kind == polynomial_kind, flat=any(kind == [algebra_kind, collocation_kind]), &
         final=int(record%final), series=int(record%output_series), &
         theta=reals(record%theta, record%further), c=reals(record%flow_c, stages))
-      scheme%row = reshape(reals(record%rows, m * record%further), [m, record%further])
+      scheme%node_weights = reshape(reals(record%rows, m * record%further), [m, record%further])
       scheme%basis = reshape(reals(record%basis, m * record%degree), [m, record%degree])
       allocate (scheme%node(n, 2:n), scheme%blend(0:n + 1, 2:n))
       scheme%node(:, :) = transpose(reshape(reals(record%node, n * (n - 1)), [n - 1, n]))
@@ -134,7 +133,6 @@ contains
     end associate
   end subroutine make_scheme
 
-  ! The real numbers at an address
   function reals(address, count)
     integer(c_intptr_t), intent(in) :: address
     integer(c_int64_t), intent(in) :: count

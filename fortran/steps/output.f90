@@ -16,7 +16,7 @@ module output_m
   public :: evaluate_stored, output_t, store_interpolant, store_event, store_point, store_step
 
   type :: output_t
-    type(record_t), pointer :: record => null()        ! what is stored, and numbers of rows
+    type(record_t), pointer :: record => null()        ! which output is stored, numbers of rows
     ! points at output times
     integer :: outputs = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
@@ -40,10 +40,9 @@ contains
     integer, parameter :: first_capacity = 64
     integer :: alloc_status
 
-    alloc_status = 0
     if (used == size(rows, 2, int64)) call add_columns(rows, first_capacity, alloc_status)
-    if (alloc_status == 0) used = used + 1
-    if (alloc_status /= 0) output%status = out_of_memory
+    if (used == size(rows, 2, int64)) output%status = out_of_memory
+    if (output%status == finished) used = used + 1
   end subroutine add_row
 
   ! Stores a point at an output time, and what is observed there.
@@ -57,25 +56,24 @@ contains
       member, output%times(number), y, output%observed(:, member, number), output%status)
   end subroutine store_point
 
-  ! Stores the end of a step in a row, if it is one of every n, or the last one.
+  ! Stores the end of a step in a row, of every n-th step and of the last one.
   subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
-    integer(int64), intent(in) :: number               ! the step's, from 1
+    integer(int64), intent(in) :: number               ! of the step, from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case
 
-    associate (record => output%record)
-      if (record%every == 0) return
-      if (.not. (last .or. mod(number, record%every) == 0)) return
-      call add_row(output, output%steps, record%steps)
-      if (output%status /= finished) return
-      associate (row => output%steps(:, record%steps), n => merge(size(y), 0, record%keeps_points))
-        row(1) = t
-        row(2:n + 1) = y(:n)
-        if (output%observer%count > 0) &
-          call output%observer%observe(1, t, y, row(n + 2:), output%status)
-      end associate
+    if (output%record%every == 0) return
+    if (.not. (last .or. mod(number, output%record%every) == 0)) return
+    call add_row(output, output%steps, output%record%steps)
+    if (output%status /= finished) return
+    associate (row => output%steps(:, output%record%steps), &
+               n => merge(size(y), 0, output%record%keeps_points))
+      row(1) = t
+      row(2:n + 1) = y(:n)
+      if (output%observer%count > 0) &
+        call output%observer%observe(1, t, y, row(n + 2:), output%status)
     end associate
   end subroutine store_step
 
@@ -83,8 +81,7 @@ contains
   subroutine store_interpolant(output, member, t_end, interpolant)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member                      ! from 1
-    ! end of its validity, before t0 + h after an event
-    real(wp), intent(in) :: t_end
+    real(wp), intent(in) :: t_end                      ! of its validity: t0 + h, or at an event
     type(interpolant_t), intent(in) :: interpolant
 
     call add_row(output, output%interpolants, output%record%interpolants)
@@ -108,13 +105,13 @@ contains
   end subroutine read_interpolant
 
   ! Evaluates stored interpolants, each at some fractions.
-  subroutine evaluate_stored(frame, scheme, rows, which, theta, y, alloc_status)
+  subroutine evaluate_stored(frame, scheme, rows, step, theta, y, alloc_status)
     type(frame_t), target, intent(in) :: frame
     type(scheme_t), target, intent(in) :: scheme
     real(wp), intent(in) :: rows(:, :)       ! interpolants of output_t
-    integer, intent(in) :: which(:)          ! rows, from 0
-    real(wp), intent(in) :: theta(:)         ! fractions of their steps
-    real(wp), intent(inout) :: y(:, :)       ! points
+    integer, intent(in) :: step(:)           ! (points) the row of each, from 0
+    real(wp), intent(in) :: theta(:)         ! (points) fractions of the steps
+    real(wp), intent(inout) :: y(:, :)       ! (point_size, points)
     integer, intent(out) :: alloc_status     ! nonzero if there isn't enough memory
     integer, parameter :: max_inner = 32     ! points that one flow along a polynomial computes
     type(interpolant_t) :: interpolant
@@ -126,9 +123,9 @@ contains
     interpolant%known = scheme%nodes
     i = 1
     k = 0
-    do while (i <= size(which))
-      if (k /= which(i) + 1) then
-        k = which(i) + 1
+    do while (i <= size(step))
+      if (k /= step(i) + 1) then
+        k = step(i) + 1
         call read_interpolant(rows(:, k), interpolant)
       end if
       last = i
@@ -137,8 +134,8 @@ contains
       else if (.not. theta(i) < 1) then
         y(:, i) = interpolant%y1
       else if (scheme%at_stages) then
-        last = min(size(which), i + max_inner - 1)
-        last = i - 2 + findloc([which(i:last) == which(i) .and. theta(i:last) < 1, .false.], &
+        last = min(size(step), i + max_inner - 1)
+        last = i - 2 + findloc([step(i:last) == step(i) .and. theta(i:last) < 1, .false.], &
                                .false., 1)
         call evaluate_inner(interpolant, inner, theta(i:last), y(:, i:last))
       else
@@ -148,7 +145,6 @@ contains
     end do
   end subroutine evaluate_stored
 
-  ! Stores an event in a row.
   subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event

@@ -1,10 +1,13 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
-! flows of the frame, that of the lowest stage first. Kinds of methods differ:
+! flows of the frame, the flow of the lowest stage first. Kinds of methods differ:
 !
-! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
-! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
-! registers have Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1), with the register Z in place
-! of coefficients at stages, and y_i in place of the ends of paths; the last one is the result.
+! Explicit stages: each point is reached from coefficients that are known (E. Celledoni, A.
+! Marthinsen, B. Owren, "Commutator-free Lie group methods", FGCS 19 (2003)). On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0 (H. Munthe-Kaas,
+! "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29 (1999)). Methods of two
+! registers (A. Bazavov, arXiv:2007.04225, 2020) have Z_i = a_i Z_(i-1) + f_i and y_i =
+! exp(h b_i Z_i) y_(i-1), with the register Z in place of coefficients at stages, and y_i in place
+! of the ends of paths; the last y_i is the result.
 !
 ! RATTLE (H. C. Andersen, J. Comput. Phys. 52 (1983)): kicks and drifts of mechanical systems with
 ! joints. Impulses along the derivatives G of constraints before each drift close them at its end,
@@ -45,8 +48,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size) its start, then its end
-    real(wp) :: parts(2)                     ! what is before the middle, of kick and drift
-    integer :: middle                        ! the path that has the middle of the step
+    real(wp) :: parts(2)                     ! shares of kick and drift before the middle
+    integer :: middle                        ! the path with the middle of the step
 
     middle = size(x%method%origin) - size(x%method%c) / 2
     if (.not. x%problem%record%heated .or. path /= middle) then
@@ -58,9 +61,9 @@ contains
     call move_part(x, path, parts, y)
     if (x%status /= finished) return
     associate (momenta => y(x%frame%momenta_offset + 1:))
-      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
-      if (x%frame%jointed) call remove_opening(x%frame, x%joints%here, momenta)
+      if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
     end associate
     call move_part(x, path, 1 - parts, y)
   end subroutine move_by_splitting
@@ -84,7 +87,7 @@ contains
       if (x%frame%jointed .and. time /= 0) then
         call drift_closed(x, time, path, y)
       else if (x%frame%jointed) then
-        call remove_opening(x%frame, x%joints%here, momenta)
+        call remove_opening(x%frame, x%joints%constraints, momenta)
       else if (time /= 0) then
         call drift(x%frame, time, y)
       end if
@@ -97,46 +100,44 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer :: status
 
-    associate (n => x%frame%linkage%momenta_offset)
-      if (x%joints%here%known) then
-        if (all(x%joints%place == y(:n))) return
-      end if
-      x%joints%place = y(:n)
-      call constraints_at(x%frame, y, 1, x%joints%here, status)
-    end associate
+    if (x%joints%constraints%factored) then
+      if (all(x%joints%configuration == y(:x%frame%linkage%momenta_offset))) return
+    end if
+    x%joints%configuration = y(:x%frame%linkage%momenta_offset)
+    call constraints_at(x%frame, y, 1, x%joints%constraints, status)
     if (status /= finished) call fail(x, status, x%t)
   end subroutine find_constraints
 
   ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
   subroutine drift_closed(x, time, path, y)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: time
-    integer, intent(in) :: path
+    real(wp), intent(in) :: time                       ! of the drift
+    integer, intent(in) :: path                        ! the path of the drift
     real(wp), contiguous, intent(inout) :: y(:)        ! (point_size)
-    integer, parameter :: iterations = 50
-    real(wp) :: start(size(y)), lambda(size(x%joints%here%g)), last
-    real(wp) :: change(size(lambda), iterations)       ! changes of lambda
+    integer, parameter :: max_iterations = 50
+    real(wp) :: y_start(size(y)), lambda(size(x%joints%constraints%g)), opening
+    real(wp) :: change(size(lambda), max_iterations)   ! changes of lambda
     integer :: i, status
 
-    call copy(size(y), y, start)
-    last = huge(last)
-    associate (linkage => x%frame%linkage, here => x%joints%here, ahead => x%joints%ahead, &
+    call copy(size(y), y, y_start)
+    opening = huge(opening)
+    associate (linkage => x%frame%linkage, start => x%joints%constraints, trial => x%joints%trial, &
                impulse => x%joints%impulse(:size(lambda), :, path))
       lambda = 2 * impulse(:, 1) - impulse(:, 2)
-      do i = 1, iterations
-        if (i > 1) call copy(size(y), start, y)
-        call constraint_impulse(linkage, here%gradient, lambda, &
+      do i = 1, max_iterations
+        if (i > 1) call copy(size(y), y_start, y)
+        call constraint_impulse(linkage, start%gradient, lambda, &
                                 y(linkage%momenta_offset + 1:linkage%momenta_end))
         call drift(x%frame, time, y)
         x%counts%nexp = x%counts%nexp + 1
-        call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, ahead, status)
+        call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, trial, status)
         if (status /= finished) exit
-        ahead%scale(linkage%joint_rows + 1:) = here%scale(linkage%joint_rows + 1:)
-        ahead%min_scale(linkage%joint_rows + 1:) = here%min_scale(linkage%joint_rows + 1:)
-        if (is_closed(ahead, last)) exit
-        if (.not. last < huge(last)) exit
-        call solve_constraints(linkage, here, ahead%g)
-        change(:, i) = -ahead%g / time
+        trial%scale(linkage%joint_rows + 1:) = start%scale(linkage%joint_rows + 1:)
+        trial%min_scale(linkage%joint_rows + 1:) = start%min_scale(linkage%joint_rows + 1:)
+        if (is_closed(trial, opening)) exit
+        if (.not. opening < huge(opening)) exit
+        call solve_constraints(linkage, start, trial%g)
+        change(:, i) = -trial%g / time
         call correct_change(i, change)
         lambda = lambda + change(:, i)
       end do
@@ -145,7 +146,7 @@ contains
       impulse(:, 1) = lambda
       if (status /= finished) then
         call fail(x, status, x%t)
-      else if (i > iterations .or. .not. last < huge(last)) then
+      else if (i > max_iterations .or. .not. opening < huge(opening)) then
         call fail(x, joints_not_solved, x%t)
       else
         call restore(x%frame, y)
@@ -159,16 +160,16 @@ contains
   ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
   ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
   pure subroutine correct_change(i, change)
-    integer, intent(in) :: i
-    real(wp), intent(inout) :: change(:, :)
+    integer, intent(in) :: i                 ! the iteration
+    real(wp), intent(inout) :: change(:, :)  ! (rows, iterations) s_j, and z in column i
     real(wp) :: along
     integer :: j
 
-    associate (now => change(:, i))
+    associate (z => change(:, i))
       do j = 1, i - 1
-        along = dot_product(change(:, j), now) / max(sum(change(:, j)**2), tiny(along))
-        if (j < i - 1) now = now + along * change(:, j + 1)
-        if (j == i - 1 .and. along < 0.5_wp) now = now / (1 - along)
+        along = dot_product(change(:, j), z) / max(sum(change(:, j)**2), tiny(along))
+        if (j < i - 1) z = z + along * change(:, j + 1)
+        if (j == i - 1 .and. along < 0.5_wp) z = z / (1 - along)
       end do
     end associate
   end subroutine correct_change
@@ -233,7 +234,7 @@ contains
     x%stage = 2
   end subroutine start_explicit
 
-  ! Requests the coefficients at the point of a stage, of functions of time without moving there.
+  ! Requests the coefficients at the point of a stage; a function of time needs no point.
   subroutine request_on_path(x)
     type(trajectory_t), intent(inout) :: x
     integer :: path
@@ -248,7 +249,7 @@ contains
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
 
-  ! Stores the coefficients at a stage, on the Lie algebra as dexp^-1_u f.
+  ! Stores the coefficients f at a stage, on the Lie algebra dexp^-1_u f.
   subroutine receive_explicit(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
@@ -282,7 +283,7 @@ contains
     x%phase = phase_next_stage
   end subroutine receive_explicit
 
-  ! Moves the point along h b Z.
+  ! Moves the point of a method of two registers along h b_i Z_i.
   subroutine move_along_register(x)
     type(trajectory_t), intent(inout) :: x
 

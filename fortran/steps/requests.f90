@@ -1,10 +1,10 @@
 ! Requests of a trajectory for coefficients of the right-hand side and for values of events. A
 ! right-hand side of one point is called at once; for a vectorized one the loop returns with the
-! request and is called again with the answer, so that one call can answer many trajectories. So it
-! is for vectorized events; a phase that needs their values begins again when these are known.
+! request and is called again with the answer, so that one call can answer many trajectories.
+! Vectorized events are requested likewise; a phase that needs their values begins again with them.
 module requests_m
   use kinds, only: wp
-  use free_motion_m, only: add_constraint_forces, add_free_motion, take_forces
+  use free_motion_m, only: complete_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
   use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
@@ -75,19 +75,13 @@ contains
 
     associate (f => x%request%answer, code => x%request%detail)
       if (code == 0 .and. x%frame%forces > 0 .and. x%frame%tangents == 0) then
-        call take_forces(x%frame, y, f)
         splits = x%method%kind == splitting_kind
-        if (.not. splits) call add_free_motion(x%frame, y, f)
         ! splitting methods add impulses of joints to kicks, their interpolants need the forces
-        if (x%frame%jointed .and. finite(size(f), f) .and. &
-            (.not. splits .or. x%phase == phase_node_received)) then
-          call add_constraint_forces(x%frame, y, splits, f, status)
-          if (status /= finished) then
-            if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
-            if (status /= joints_not_solved) call fail(x, status, x%request%t)
-            return
-          end if
-        end if
+        call complete_forces(x%frame, y, splits, .not. splits .or. x%phase == phase_node_received, &
+                             f, status)
+        if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
+        if (all(status /= [finished, joints_not_solved])) call fail(x, status, x%request%t)
+        if (status /= finished) return
       end if
       if (code == 0 .and. finite(size(f), f)) then
         x%status = finished
@@ -103,32 +97,27 @@ contains
     end associate
   end subroutine check_coefficients
 
-  ! Tries a smaller step after a stage that doesn't exist or isn't finite; fixed steps fail.
+  ! Tries a smaller step after a stage that doesn't exist or isn't finite; equal steps fail.
   subroutine reject_stage(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    if (.not. x%problem%adaptive .and. &
-        all(x%phase /= [phase_node_received, phase_end_received])) then      ! equal steps
-      call fail(x, status, t)
-      return
-    end if
-    select case (x%phase)
-    case (phase_curvature_received)
+    if (any(x%phase == [phase_node_received, phase_end_received])) then
+      call reject_accepted_step(x, status, t)
+    else if (x%phase == phase_curvature_received) then
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished
-    case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
+    else if (x%problem%adaptive .and. any(x%phase == [ &
+             phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received])) then
       x%status = finished
       call share_error(x, huge(1.0_wp))
-    case (phase_node_received, phase_end_received)
-      call reject_accepted_step(x, status, t)
-    case default
+    else
       call fail(x, status, t)
-    end select
+    end if
   end subroutine reject_stage
 
-  ! Tries an accurate step again that is too long for output; fixed and past steps fail.
+  ! Tries an accurate step again that is too long for output; equal and past steps fail.
   subroutine reject_accepted_step(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
@@ -146,7 +135,7 @@ contains
     end if
   end subroutine reject_accepted_step
 
-  ! Tries a step again that was accurate.
+  ! Tries an accurate step again with a smaller size.
   subroutine retry_step(x)
     type(trajectory_t), intent(inout) :: x
 
@@ -158,8 +147,8 @@ contains
     if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
-  ! Goes to the phase `next` with a number, of trajectories with common steps the maximum of theirs.
-  ! Step sizes, of which the smallest counts, are shared with a negative sign.
+  ! Goes to the phase `next` with a number; trajectories with common steps get their largest number.
+  ! They share step sizes with a negative sign, since the smallest size counts.
   subroutine share(x, number, next)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: number
@@ -179,8 +168,9 @@ contains
     call share(x, x%error, phase_decide_step)
   end subroutine share_error
 
-  ! Evaluates the function of an event at a fraction of the step, or those of all for event 0, or
-  ! requests values that aren't known from a request. The trajectory fails if a function does.
+  ! Evaluates the function of an event at a fraction theta of the step, or for event 0 those of all
+  ! events. Vectorized functions are requested, and values taken from the answer once it is there.
+  ! The trajectory fails if a function does.
   subroutine evaluate_events(x, event, theta, values)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
@@ -191,11 +181,11 @@ contains
 
     k = 0
     associate (query => x%query(:, :x%answered), &
-               before => query_numbers + x%frame%point_size + max(event, 1) - 1)
+               offset => query_numbers + x%frame%point_size + max(event, 1) - 1)
       if (x%answered > 0) k = findloc( &
         nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, .true., 1)
       if (k > 0) then
-        values = query(before + 1:before + size(values), k)
+        values = query(offset + 1:offset + size(values), k)
         if (.not. all(abs(values) <= huge(values))) call fail(x, raised, query(query_time, k))
         return
       end if
@@ -209,7 +199,8 @@ contains
           return
         end if
         x%queries = x%queries + 1
-        x%query(:query_numbers + size(y), x%queries) = [real(event, wp), theta, t, y]
+        x%query(:query_numbers + size(y), x%queries) = [ &
+          real(event, wp), theta, t, real(x%member - 1, wp), y]
         x%status = needs_events
         return
       end if
@@ -221,8 +212,8 @@ contains
     end associate
   end subroutine evaluate_events
 
-  ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
-  ! or a jump has left its function at zero, this zero isn't another event.
+  ! Evaluates the functions of all events at the start of a step. A zero where an event has just
+  ! happened, or where a jump has left its function, isn't another event.
   subroutine evaluate_at_start(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: values(size(x%events)), smallest
@@ -231,14 +222,14 @@ contains
     if (x%status /= finished) return
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
     x%events_known = .true.
-    x%events%before = values
-    where (x%events%came_from /= 0 .and. abs(values) <= max(x%events%small, smallest))
-      x%events%before = 0.0_wp
+    x%events%at_start = values
+    where (x%events%sign_before /= 0 .and. abs(values) <= max(x%events%zero_tolerance, smallest))
+      x%events%at_start = 0.0_wp
       x%events%residual = values
     elsewhere
-      x%events%came_from = 0
+      x%events%sign_before = 0
     end where
-    x%events%small = 8 * abs(x%events%residual)
+    x%events%zero_tolerance = 8 * abs(x%events%residual)
   end subroutine evaluate_at_start
 
 end module requests_m

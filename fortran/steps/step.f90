@@ -120,7 +120,7 @@ contains
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
       if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
           .and. (x%control%after_rejection .or. x%collocation%replaced &
-                 .or. x%collocation%last_h == 0)) then
+                 .or. x%collocation%h_before == 0)) then
         call request_error(x)
       else
         call share_error(x, x%error)
@@ -183,7 +183,7 @@ contains
                collocation => x%method%kind == collocation_kind)
       predicted = 0.0_wp
       if (collocation) predicted = predicted_size(h, x%request%shared, exponent, &
-        merge(1, newton%iteration, common), common .or. converges_fast(x), abs(newton%last_h), &
+        merge(1, newton%iteration, common), common .or. converges_fast(x), abs(newton%h_before), &
         control%last_error)
       error = suspected_error(x%request%shared, h, x%t, merge(0, control%suspicion, collocation))
       rejected = .not. error <= 1

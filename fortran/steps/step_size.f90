@@ -31,7 +31,7 @@ contains
   subroutine begin_segment(x)
     type(trajectory_t), intent(inout) :: x
 
-    ! ends behind are those that f isn't evaluated beyond
+    ! a stop may lie behind: f isn't evaluated beyond it
     if ((x%problem%stops(x%segment) - x%t) &
         * sign(1.0_wp, x%problem%stops(size(x%problem%stops)) - x%t) <= 0) then
       if (x%segment == size(x%problem%stops)) then
@@ -65,16 +65,19 @@ contains
   subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, 0), x%norms%vector, x%norms%scale)
-    call point_sizes(x%frame, x%tolerances, x%y(:, 0), x%norms%vector)
-    x%control%norms(1) = error_norm(x%tolerances, x%norms%vector, x%norms%scale)
-    call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%change)
-    x%control%norms(2) = error_norm(x%tolerances, x%norms%change, x%norms%scale)
-    if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
-      call fail(x, slope_not_finite, x%t)
-      return
-    end if
-    call share(x, -first_guess(x%control%norms(1), x%control%norms(2), span(x)), phase_guess_shared)
+    associate (norms => x%norms, control => x%control, y => x%y(:, 0))
+      call error_scales(x%frame, x%tolerances, y, y, norms%difference, norms%scale)
+      call point_sizes(x%frame, x%tolerances, y, norms%difference)
+      control%point_norm = error_norm(x%tolerances, norms%difference, norms%scale)
+      call tangent(x%frame, x%tolerances, x%slope, y, norms%change)
+      control%slope_norm = error_norm(x%tolerances, norms%change, norms%scale)
+      if (abs(control%slope_norm) <= huge(1.0_wp)) then
+        call share(x, -first_guess(control%point_norm, control%slope_norm, span(x)), &
+                   phase_guess_shared)
+      else
+        call fail(x, slope_not_finite, x%t)
+      end if
+    end associate
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
@@ -82,7 +85,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (ahead => x%y(:, x%result))
-      x%control%guessed_size = limited(x, -x%request%shared)
+      x%control%guessed_size = bounded(x, -x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(ahead), x%y(:, 0), ahead)
       x%v(:, 1) = x%h * x%slope
@@ -96,18 +99,18 @@ contains
   ! Chooses the first size by the curvature, the change of the slope over the guessed size.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: curvature, first
+    real(wp) :: curvature, size
 
-    first = x%control%guessed_size
+    size = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%change)
-      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%vector)
-      curvature = error_norm(x%tolerances, x%norms%vector - x%norms%change, x%norms%scale) &
+      call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%difference)
+      curvature = error_norm(x%tolerances, x%norms%difference - x%norms%change, x%norms%scale) &
                   / x%control%guessed_size
-      first = limited(x, min(max_growth * x%control%guessed_size, first_size( &
-        x%control%norms(1), x%control%norms(2), curvature, x%tolerances%exponent)))
+      size = bounded(x, min(max_growth * x%control%guessed_size, first_size( &
+        x%control%point_norm, x%control%slope_norm, curvature, x%tolerances%exponent)))
     end if
-    call share(x, -first, phase_size_shared)
+    call share(x, -size, phase_size_shared)
   end subroutine choose_first_size
 
   ! The time to the end of the segment
@@ -118,14 +121,14 @@ contains
     if (.not. span <= huge(span)) span = 1.0_wp        ! no end: one unit of time
   end function span
 
-  ! A first size within limits, which is never zero
-  pure real(wp) function limited(x, first)
+  ! A first size, bounded by the span and max_step, and at least the rounding of t
+  pure real(wp) function bounded(x, size)
     type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: first
+    real(wp), intent(in) :: size
 
-    limited = max(min(first, span(x), x%tolerances%max_step), &
+    bounded = max(min(size, span(x), x%tolerances%max_step), &
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
-  end function limited
+  end function bounded
 
   ! The longest step. Without an end, where a terminal event may never come, it is a turn at most:
   ! events are looked for in each part of a turn, so that steps of ever more would take ever longer.
@@ -148,32 +151,30 @@ contains
     if (x%control%attempts >= x%problem%record%max_steps) call fail(x, too_many_steps, x%t)
     if (x%status /= finished) return
     x%control%attempts = x%control%attempts + 1
-    associate (stop => x%problem%stops(x%segment))
-      if (x%problem%step_function%count > 0) then
-        call choose_reversibly(x, stop)
-      else if (x%problem%adaptive) then
-        call choose_adaptively(x, stop)
-      else
-        x%h = x%grid%step
-        x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
-        if (x%grid_done + 1 == x%grid%steps) then
-          x%h = x%grid%last
-          x%t_end = stop
-        end if
+    if (x%problem%step_function%count > 0) then
+      call choose_reversibly(x, x%problem%stops(x%segment))
+    else if (x%problem%adaptive) then
+      call choose_adaptively(x, x%problem%stops(x%segment))
+    else
+      x%h = x%grid%step
+      x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
+      if (x%grid_done + 1 == x%grid%steps) then
+        x%h = x%grid%last
+        x%t_end = x%problem%stops(x%segment)
       end if
-      if (x%status /= finished) return
-      if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
-      x%weight_h = x%h
-      x%stage = 1
-      x%collocation%iteration = 0
-      x%implicit%first = 0
-      x%paths_followed = 0
-      x%end_known = .false.
-      x%phase = phase_next_stage
-      ! splitting methods that begin with a drift need no force at the start
-      if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
-      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
-    end associate
+    end if
+    if (x%status /= finished) return
+    if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
+    x%weight_h = x%h
+    x%stage = 1
+    x%collocation%iteration = 0
+    x%implicit%first_stage = 0
+    x%paths_followed = 0
+    x%end_known = .false.
+    x%phase = phase_next_stage
+    ! splitting methods that begin with a drift need no force at the start
+    if (x%method%kind == splitting_kind .and. x%method%c(1) /= 0) return
+    if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received)
   end subroutine choose_step
 
   ! Chooses the size and the end of the next step: the proposed one, within limits.
@@ -186,7 +187,7 @@ contains
 
     min_size = resolution(x%t)
     associate (control => x%control, max_step => x%tolerances%max_step)
-      longest = max(max_step_at(x%problem%limits, x%t, stop - x%t), min_size)
+      longest = max(max_step_at(x%problem%step_limits, x%t, stop - x%t), min_size)
       control%unshortened_size = min(control%step_size, max_step)
       control%step_size = tried_size(control%step_size, min_size, abs(stop - x%t), &
                                      min(max_step_by_turn(x), longest), control%after_rejection)
@@ -215,34 +216,32 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
     real(wp) :: v(x%frame%dimension), values(-1:1), offset, log_change, density
-    real(wp), parameter :: near = 1e-2_wp              ! part of a step, where s is compared
+    real(wp), parameter :: near = 1e-2_wp    ! the fraction of a step in the difference of s
     integer :: i
 
-    associate (h_next => x%control%step_size)
-      v = 0.0_wp
-      call add_free_motion(x%frame, x%y(:, 0), v)
-      v(x%frame%forces + 1:) = 0.0_wp
-      call evaluate_size(x, 0 * v, values(0))
-      offset = near * x%problem%record%h * values(0)
-      do i = -1, 1, 2
-        if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
-      end do
-      if (x%status == raised) return
-      log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
-                   / (2 * offset)
-      if (h_next > 0) then
-        density = x%problem%record%h / h_next - log_change
-      else
-        density = 1 / values(0) - log_change / 2
-      end if
-      if (density > 0) h_next = x%problem%record%h / density
-      x%h = sign(h_next, stop - x%t)
-      x%t_end = x%t + x%h
-      if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
-      if (abs(x%t_end - x%t) < (1 - epsilon(1.0_wp)) * abs(stop - x%t)) return
-      x%t_end = stop
-      x%h = stop - x%t
-    end associate
+    v = 0.0_wp
+    call add_free_motion(x%frame, x%y(:, 0), v)
+    v(x%frame%forces + 1:) = 0.0_wp
+    call evaluate_size(x, 0 * v, values(0))
+    offset = near * x%problem%record%h * values(0)
+    do i = -1, 1, 2
+      if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
+    end do
+    if (x%status == raised) return
+    log_change = sign(1.0_wp, stop - x%t) * x%problem%record%h * log(values(1) / values(-1)) &
+                 / (2 * offset)
+    if (x%control%step_size > 0) then
+      density = x%problem%record%h / x%control%step_size - log_change
+    else
+      density = 1 / values(0) - log_change / 2
+    end if
+    if (density > 0) x%control%step_size = x%problem%record%h / density
+    x%h = sign(x%control%step_size, stop - x%t)
+    x%t_end = x%t + x%h
+    if (.not. (density > 0 .and. x%t_end /= x%t)) call fail(x, step_too_small, x%t)
+    if (abs(x%t_end - x%t) < (1 - epsilon(1.0_wp)) * abs(stop - x%t)) return
+    x%t_end = stop
+    x%h = stop - x%t
   end subroutine choose_reversibly
 
   ! Evaluates the function at the end of a flow; the trajectory fails unless it is positive.

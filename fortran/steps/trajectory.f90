@@ -30,8 +30,9 @@ module trajectory_m
     phase_error_received = 19, phase_detect_events = 20, phase_interpolant_start_received = 21, &
     phase_complete_step = 22, phase_step_shared = 23, phase_ended = 24
 
-  ! Places of a query: its event, or 0 for all, the fraction of the step and the time
-  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, query_numbers = 3
+  ! Rows of a query: its event, or 0 for all, fraction of the step, time, and member from 0
+  integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, &
+    query_member = 4, query_numbers = 4
 
   type :: problem_t
     type(record_t), pointer :: record => null()        ! numbers and addresses from Python
@@ -43,47 +44,49 @@ module trajectory_m
     logical :: adaptive = .false.
     type(tolerances_t) :: tolerances         ! for adaptive steps
     real(wp), allocatable :: stops(:)        ! ends of the segments
-    real(wp) :: duration = 0.0_wp            ! the integration's, with adaptive steps
-    real(wp), allocatable :: limits(:, :)    ! (2, n) a time t, and the largest step from t on
+    real(wp) :: duration = 0.0_wp            ! of the integration, with adaptive steps
+    real(wp), allocatable :: step_limits(:, :)         ! (2, n) a time t, the largest step from t on
     ! Points at output times within a step along polynomials, of the trajectory that owns it. All
     ! trajectories share this memory, and compute lost points again.
     type(inner_points_t) :: inner
   end type problem_t
 
-  ! What collocation_m keeps between steps, besides arrays
+  ! Numbers that collocation_m keeps between steps
   type :: newton_state_t
-    logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
-    logical :: replaced = .false.            ! whether the point was, after the last step
+    logical :: has_jacobian = .false., fresh = .false. ! fresh: the Jacobian is at the present point
+    logical :: replaced = .false.            ! whether the caller has replaced the last step's end
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
-    real(wp) :: last_h = 0.0_wp              ! the last step, 0 if the solution jumped after it
+    real(wp) :: h_before = 0.0_wp            ! the last step, 0 if the solution jumped after it
   end type newton_state_t
 
-  ! The state of collocation_m. Derivatives are at the stages, coordinates z in the Lie algebra.
+  ! The state of collocation_m: coordinates z of the stages in the Lie algebra, and what solves them
   type, extends(newton_state_t) :: collocation_t
     integer :: column = 0                    ! the column of the Jacobian that comes next
     integer :: iteration = 0                 ! 0 before the first one of an attempt
-    real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! both of corrections of z
-    real(wp), allocatable :: last(:, :)      ! (dimension, 3) derivatives in the last step
-    real(wp), allocatable :: z(:, :)         ! (dimension, 3); before, displacements of differences
+    real(wp) :: correction = 0.0_wp          ! norm of the last correction of z
+    real(wp) :: rate = 0.0_wp                ! factor by which corrections have decreased
+    real(wp), allocatable :: slopes_before(:, :)       ! (dimension, 3) F_j of the last step
+    ! (dimension, 3); while the Jacobian is evaluated, displacements of differences in column 1
+    real(wp), allocatable :: z(:, :)
     real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
-    real(wp), allocatable :: lu(:, :)
-    complex(wp), allocatable :: complex_lu(:, :)
+    real(wp), allocatable :: lu(:, :)                  ! factors of gamma / h - J
+    complex(wp), allocatable :: complex_lu(:, :)       ! factors of mu / h - J
     integer, allocatable :: pivot(:), complex_pivot(:)
   end type collocation_t
 
   ! The state of implicit_m
   type :: implicit_t
     logical :: fixed_point = .false.         ! whether no Jacobian is used
-    integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
+    integer :: first_stage = 0, last_stage = 0         ! of the block, 0 before the first block
     integer :: iteration = 0
     integer :: column = 0                    ! the column of the Jacobian that comes next, or 0
-    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! the unknown of this column
+    real(wp) :: undisplaced = 0.0_wp, displacement = 0.0_wp    ! of the unknown of this column
     real(wp) :: correction = 0.0_wp          ! the last one, relative
-    real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
+    real(wp) :: residual = 0.0_wp, min_residual = 0.0_wp       ! the last and the smallest one
     real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
     real(wp), allocatable :: factored_h(:)   ! (blocks) step sizes of the factors, or 0
-    real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
+    real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks) Jacobian or factors
     integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
   end type implicit_t
 
@@ -94,47 +97,47 @@ module trajectory_m
     real(wp), allocatable :: answer(:)       ! (dimension) coefficients
     real(wp), allocatable :: slope(:)        ! (point_size) a derivative
     integer :: detail = 0                    ! what the right-hand side returned, or see `fail`
-    real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
+    real(wp) :: shared = 0.0_wp              ! the number of `share`, in requests_m
   end type request_t
 
-  ! The control of step sizes
+  ! The state of the step size control
   type :: control_t
-    real(wp) :: step_size = 0.0_wp           ! the next step's; zero if it has to be chosen
-    real(wp) :: last_error = 1.0_wp
+    real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
+    real(wp) :: last_error = 1.0_wp          ! of the last accepted step, in tolerances
     logical :: after_rejection = .false.
     integer :: suspicion = 0                 ! how likely f has jumped, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
-    logical :: shortened = .false.           ! whether a stop or a limit shortens the step
+    logical :: shortened = .false.           ! whether a stop or `step_limits` shorten the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(2) = 0.0_wp            ! norms of point and slope, for the first size
-    real(wp) :: guessed_size = 0.0_wp
+    real(wp) :: point_norm = 0.0_wp, slope_norm = 0.0_wp       ! in tolerances, for the first size
+    real(wp) :: guessed_size = 0.0_wp        ! of the first step, before the curvature is known
   end type control_t
 
   ! Errors as norms in tolerances. From phase to phase only `scale` stays, from guess_size to
   ! choose_first_size; request_error reads the displacement that estimate_error has left.
   type :: norms_t
     real(wp), allocatable :: scale(:)        ! (width) the tolerances
-    real(wp), allocatable :: vector(:)       ! (width) what a norm is taken of
-    real(wp), allocatable :: change(:)       ! (width) change of the point by it
+    real(wp), allocatable :: difference(:)   ! (width) of two points
     real(wp), allocatable :: displacement(:) ! (dimension) an error as coefficients of a field
+    real(wp), allocatable :: change(:)       ! (width) of a point by the displacement
   end type norms_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
     real(wp) :: theta = 0.0_wp               ! fraction of the step
-    integer :: event = 0, from = 0           ! from: sign of the function before
+    integer :: event = 0, sign_before = 0    ! sign_before: of the function before the zero
     logical :: stored = .false.
   end type zero_t
 
   ! An event of a trajectory
   type :: event_state_t
-    real(wp) :: before = 0.0_wp, after = 0.0_wp        ! values at both ends of the step
+    real(wp) :: at_start = 0.0_wp, at_end = 0.0_wp     ! values of its function in the step
     integer(int64) :: count = 0              ! how often it happened
     real(wp) :: time = 0.0_wp                ! when it happened last
-    ! sign of the function before an event at the start of the step, or just before; 0 if none
-    integer :: came_from = 0
+    ! sign of the function before an event at the start of the step or just before it, 0 if none
+    integer :: sign_before = 0
     real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
-    real(wp) :: small = 0.0_wp               ! values that count as zero after events
+    real(wp) :: zero_tolerance = 0.0_wp      ! values up to it count as zero after events
   end type event_state_t
 
   ! The step before, whose interpolant may be requested
@@ -145,13 +148,13 @@ module trajectory_m
 
   ! The joints of a splitting method's frame
   type :: joints_t
-    type(constraints_t) :: here              ! with the factor, at the configuration `place`
-    type(constraints_t) :: ahead             ! at the end of a trial
-    real(wp), allocatable :: place(:)
-    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) of the last two steps
+    type(constraints_t) :: constraints       ! at `configuration`, with the factor
+    type(constraints_t) :: trial             ! at the end of a trial drift
+    real(wp), allocatable :: configuration(:)
+    real(wp), allocatable :: impulse(:, :, :)          ! (dimension, 2, paths) in the last two steps
   end type joints_t
 
-  ! What a trajectory needs between steps, besides arrays
+  ! Numbers that a trajectory needs between steps
   type :: state_t
     integer :: status = paused               ! a Stop
     real(wp) :: failed_at = 0.0_wp
@@ -164,7 +167,7 @@ module trajectory_m
     type(control_t) :: control
     real(wp) :: h = 0.0_wp                   ! signed size of the step
     real(wp) :: h_before = 0.0_wp            ! size of the step of f_before, 0 without one
-    logical :: events_known = .false.        ! whether values at the start of the step are
+    logical :: events_known = .false.        ! whether events have values at the start of the step
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
     type(last_step_t) :: last
   end type state_t
@@ -179,7 +182,7 @@ module trajectory_m
     type(tolerances_t), pointer :: tolerances => null()
     integer :: member = 1
     integer :: result = 0                    ! column of y with the result of a step
-    ! all phases: what comes next, and what it waits for
+    ! all phases: the next one, and the request whose answer it needs
     integer :: phase = phase_begin_segment
     type(request_t) :: request
     ! step_size_m, which starts a step
@@ -208,17 +211,18 @@ module trajectory_m
     logical :: end_known = .false.
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
-    logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
+    logical :: needs_interpolant = .false.
+    logical :: seeks_events = .false.        ! whether zeros are sought along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! outputs_done when inner points were prepared
+    integer :: inner_from = 0                ! outputs_done when problem%inner was prepared
     ! point and coefficients at the start of the last step, from which its interpolant is made again
     real(wp), allocatable :: last_y(:), last_slope(:)
     ! step_events_m, and requests_m, which evaluates functions of events
     type(event_state_t), allocatable :: events(:)
     type(zero_t), allocatable :: zeros(:)    ! zeros within the step, until it is stored
-    integer :: queries = 0, answered = 0     ! requests for values of events, those with an answer
-    ! (query_numbers + point_size + events, capacity) these numbers, a point, and values as answers
+    integer :: queries = 0, answered = 0     ! columns of `query` in use, those with an answer
+    ! (query_numbers + point_size + events, capacity) numbers, the point, and values as the answer
     real(wp), allocatable :: query(:, :)
   end type trajectory_t
 
@@ -241,14 +245,13 @@ contains
       paths = merge(1, size(method%origin), method%kind == registers_kind)
       summands = merge(1, size(method%error, 1), method%kind == registers_kind)
       x%result = merge(1, method%result, method%kind == registers_kind)
-      width = 0
-      if (problem%adaptive) width = size(problem%tolerances%atol)
+      width = merge(size(problem%tolerances%atol), 0, problem%adaptive)
       allocate (x%request%y(n), x%request%slope(merge(n, 0, frame%derivatives)), &
                 x%request%answer(m), x%weight(size(method%flows%weight)), &
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
                 x%slope(m), x%end_slope(m), x%events(events), &
                 x%query(query_numbers + n + events, 0), x%norms%scale(width), &
-                x%norms%vector(width), x%norms%change(width), x%norms%displacement(m), &
+                x%norms%difference(width), x%norms%change(width), x%norms%displacement(m), &
                 stat=alloc_status)
       if (alloc_status /= 0) return
       last = merge(1, 0, record%keep_last)
@@ -266,7 +269,7 @@ contains
     end associate
   end subroutine reserve_trajectory
 
-  ! Allocates what the equations of implicit stages are solved with, empty for other methods.
+  ! Allocates arrays for the equations of implicit stages, empty ones for other methods.
   subroutine reserve_implicit(x, alloc_status)
     type(trajectory_t), intent(inout) :: x
     integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
@@ -282,23 +285,25 @@ contains
       unknowns = 0
       n = 0
     end if
-    allocate (x%collocation%last(k, 3), x%collocation%z(k, 3), x%collocation%jacobian(k, n), &
-              x%collocation%lu(n, n), x%collocation%complex_lu(n, n), x%collocation%pivot(n), &
-              x%collocation%complex_pivot(n), x%implicit%value(size(x%f, 1), summands), &
-              x%implicit%lu(unknowns, unknowns, blocks), x%implicit%pivot(unknowns, blocks), &
-              x%implicit%factored_h(blocks), stat=alloc_status)
+    associate (newton => x%collocation, solver => x%implicit)
+      allocate (newton%slopes_before(k, 3), newton%z(k, 3), newton%jacobian(k, n), &
+                newton%lu(n, n), newton%complex_lu(n, n), newton%pivot(n), &
+                newton%complex_pivot(n), solver%value(size(x%f, 1), summands), &
+                solver%factored_h(blocks), solver%lu(unknowns, unknowns, blocks), &
+                solver%pivot(unknowns, blocks), stat=alloc_status)
+    end associate
   end subroutine reserve_implicit
 
   ! Starts a trajectory at a point, without memory of earlier steps.
   pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), intent(in) :: first_step     ! zero to choose it, negative as in shared_numbers
+    real(wp), intent(in) :: first_step     ! zero to choose it, or proposed_for_point or _for_f
     type(trajectory_t), intent(inout) :: x
-    ! moves that are smaller, relative to the last step, leave its polynomial and Jacobian
+    ! smaller moves, relative to the last step, leave its polynomial and Jacobian valid
     real(wp), parameter :: small_move = 0.1_wp
-    logical :: same                          ! whether it was there already
-    logical :: near                          ! whether the last step led nearly there
+    logical :: same                          ! whether the trajectory was at this point already
+    logical :: near                          ! whether the last step led near to it
 
     same = x%t == t .and. all(x%y(:, 0) == y)
     near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
@@ -309,22 +314,22 @@ contains
     x%last%cut = .false.
     x%y(:, 0) = y
     x%end_known = .false.
-    x%joints%here%known = .false.            ! members may have inertia of their own
+    x%joints%constraints%factored = .false.            ! members may have inertia of their own
     if (first_step >= 0) then
       x%control%step_size = first_step
     else if (.not. x%control%step_size > 0) then
       x%control%step_size = x%problem%record%first_step
     end if
     call forget_step(x, near)
-    x%events%before = 0.0_wp
+    x%events%at_start = 0.0_wp
     x%events%count = 0
     call continue_trajectory(x, .false.)
     if (same) return
     x%events%time = huge(1.0_wp)
-    x%events%came_from = 0
+    x%events%sign_before = 0
   end subroutine set_start
 
-  ! Forgets what is kept of the step before, where the right-hand side or the solution may jump.
+  ! Forgets the step before, where the right-hand side or the solution may jump.
   pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in), optional :: near    ! whether polynomial and Jacobian may still serve
@@ -354,7 +359,7 @@ contains
     x%answered = 0
   end subroutine continue_trajectory
 
-  ! Copies what a trajectory needs between steps to continue bit for bit, or restores it.
+  ! Copies or restores the state of a trajectory between steps, with which it continues bit for bit.
   subroutine exchange_state(x, restores, bytes, used)
     type(trajectory_t), target, intent(inout) :: x
     logical, intent(in) :: restores
@@ -373,7 +378,7 @@ contains
     call move_numbers(size(x%last_slope), x%last_slope)
     call move_numbers(size(x%f_before), x%f_before)
     call move_numbers(size(x%joints%impulse), x%joints%impulse)
-    call move_numbers(size(x%collocation%last), x%collocation%last)
+    call move_numbers(size(x%collocation%slopes_before), x%collocation%slopes_before)
     call move_numbers(size(x%collocation%jacobian), x%collocation%jacobian)
     call move_numbers(size(x%implicit%factored_h), x%implicit%factored_h)
     call move_numbers(size(x%implicit%lu), x%implicit%lu)
@@ -437,7 +442,7 @@ contains
     if (theta > 0 .and. time_at == x%t) time_at = nearest(x%t, x%t_end - x%t)
   end function time_at
 
-  ! Ends a trajectory, with the reason and the time that the message for the user has.
+  ! Ends a trajectory, with the reason and the time for the message to the user.
   subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status                      ! a Stop

@@ -196,7 +196,7 @@ contains
     real(wp), intent(inout), contiguous :: r(:,:)  ! (>= n, n): S^T in the lower triangle
     real(wp), intent(inout) :: rhs(:)              ! (n)
     real(wp), intent(inout) :: row(:)              ! (n): work from element j on
-    real(wp) :: cosine, sine, ratio, row_rhs, held
+    real(wp) :: cosine, sine, ratio, row_rhs, rotated
     integer :: i, k
 
     row(j) = d
@@ -214,13 +214,13 @@ contains
         sine = cosine * ratio
       end if
       r(k, k) = cosine * r(k, k) + sine * row(k)
-      held = cosine * rhs(k) + sine * row_rhs
+      rotated = cosine * rhs(k) + sine * row_rhs
       row_rhs = -sine * rhs(k) + cosine * row_rhs
-      rhs(k) = held
+      rhs(k) = rotated
       do i = k + 1, size(r, 2)
-        held = cosine * r(i, k) + sine * row(i)
+        rotated = cosine * r(i, k) + sine * row(i)
         row(i) = -sine * r(i, k) + cosine * row(i)
-        r(i, k) = held
+        r(i, k) = rotated
       end do
     end do
   end subroutine rotate_in

@@ -69,7 +69,6 @@ module vectors_m
 
 contains
 
-  ! Tells whether all numbers are finite.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
@@ -78,15 +77,15 @@ contains
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, for speed.
-  pure subroutine combine(m, n, weight, k, sum)
+  pure subroutine combine(m, n, weight, k, total)
     integer, intent(in) :: m, n
     real(wp), intent(in) :: weight(n), k(m, n)
-    real(wp), intent(out) :: sum(m)
+    real(wp), intent(out) :: total(m)
     integer :: j
 
-    sum = 0.0_wp
+    total = 0.0_wp
     do j = 1, n
-      if (weight(j) /= 0) call add_multiple(m, weight(j), k(:, j), sum)
+      if (weight(j) /= 0) call add_multiple(m, weight(j), k(:, j), total)
     end do
   end subroutine combine
 

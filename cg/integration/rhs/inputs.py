@@ -84,13 +84,13 @@ class Inputs:
 
     def table(self, parameters: Array | None) -> NDArray[np.void]:
         """Return the `INPUT` of each curve; its values come after the parameters of a member."""
-        place = 0 if parameters is None else parameters.shape[1]
+        offset = 0 if parameters is None else parameters.shape[1]
         rows: NDArray[np.void] = np.empty(len(self.curves), dtype=columns_of(INPUT))
         for k, curve in enumerate(self.curves):
             starts, numbers = curve._edges, curve._numbers
             stride = numbers[0].nbytes if curve.members else 0
-            rows[k] = *numbers.shape[-3:], place, address(starts), address(numbers), stride
-            place += numbers.shape[-1]
+            rows[k] = *numbers.shape[-3:], offset, address(starts), address(numbers), stride
+            offset += numbers.shape[-1]
         return rows
 
     def corners(self, tolerance: float | None) -> Array:
