@@ -18,8 +18,8 @@ from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
 from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
 from cg.support.checks import warn_user
+from cg.support.frozen import changed
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
-from cg.support.records import changed
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 _CHUNKS_PER_WORKER = 16  # many chunks, so that all workers end at about the same time

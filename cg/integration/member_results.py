@@ -19,7 +19,7 @@ from cg.integration.output.solutions import (
 )
 from cg.integration.problem import Problem
 from cg.support.arrays import Array, Points
-from cg.support.records import filled
+from cg.support.frozen import filled
 from cg.support.shared_records import COUNTS
 
 

@@ -47,7 +47,7 @@ from cg.integration.rhs.inputs import (
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short, warn_user
-from cg.support.records import changed, filled
+from cg.support.frozen import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"

@@ -38,7 +38,7 @@ from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_real, short, warn_user
-from cg.support.records import changed
+from cg.support.frozen import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method

@@ -21,9 +21,9 @@ from cg.construction.layouts import Layout
 from cg.support import quads
 from cg.support.arrays import check_finite, real_array
 from cg.support.checks import MAX_COUNT, check_integer, check_real
+from cg.support.frozen import ReadOnly
 from cg.support.memory import check_memory
 from cg.support.parallel import StopFlag
-from cg.support.records import ReadOnly
 from cg.support.shared_numbers import LmdifStatus
 
 Vector = NDArray[np.float64]

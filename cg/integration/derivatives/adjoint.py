@@ -45,7 +45,7 @@ from cg.integration.rhs.python import (
     when,
 )  # fmt: skip
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
-from cg.support.records import changed
+from cg.support.frozen import changed
 
 _FIXED_STEPS = 1e-11  # tolerance for integrations with fixed steps, which have none
 # Largest share of a cotangent along fields that don't move the point: errors of differences

@@ -23,7 +23,7 @@ from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, read_only, real_array
-from cg.support.records import changed
+from cg.support.frozen import changed
 from cg.tables import Kind
 
 

@@ -16,7 +16,7 @@ from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, read_only, real_array, texts_of
-from cg.support.records import ReadOnly, filled
+from cg.support.frozen import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, source_method

@@ -16,7 +16,7 @@ from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
 from cg.support.arrays import Array, Points
 from cg.support.capsules import address_in, data_in
-from cg.support.records import changed
+from cg.support.frozen import changed
 
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""

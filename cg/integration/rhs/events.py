@@ -21,7 +21,7 @@ from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_value
 from cg.support.arrays import Array, Points, read_only, real_array
 from cg.support.checks import NO_LIMIT, check_choice, check_flag, check_number, check_real
-from cg.support.records import filled
+from cg.support.frozen import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
 
 

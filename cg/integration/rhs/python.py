@@ -20,7 +20,7 @@ from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import ExtraArguments, Inputs, WithInput
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
-from cg.support.records import filled
+from cg.support.frozen import filled
 
 # addresses of functions in C that call one of Python, and functions of a variational equation
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
