@@ -242,8 +242,7 @@ def to_python(program: Program) -> str:
     lines.append(")")
     if program.errors:
         lines += ["# weights of the stages in the errors", "ERRORS = ("]
-        for row in program.errors:
-            lines.append(f"    (\n{wrapped(row, '        ')},\n    ),")
+        lines += [f"    (\n{wrapped(row, '        ')},\n    )," for row in program.errors]
         lines.append(")")
     # the docstring comes first, since Python looks for an encoding in comments of two lines
     return write(program, ["step.py"], "#", "\n".join(lines))
