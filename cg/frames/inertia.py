@@ -18,8 +18,8 @@ from cg.frames.sphere import Sphere
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import short
 
-_ASYMMETRY = 1e-12  # largest one of a symmetric matrix, relative to its largest entry
-_COMMUTATOR = 1e-12  # largest one of matrices that commute, relative to their entries
+_ASYMMETRY = 1e-12  # largest asymmetry of a symmetric matrix, relative to its largest entry
+_COMMUTATOR = 1e-12  # largest commutator of matrices that commute, relative to their entries
 _KNOWN = "SO(n), UnitQuaternion, SU(n), U(n), Euclidean, Sphere(2), and products and powers of them"
 
 Inertia = Any
@@ -124,9 +124,9 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         root = np.asarray(np.linalg.cholesky(matrix), np.float64)
         inverse = 0.5 * (inverse + inverse.T)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
-    places = slice(vectors, vectors + frame.dim), slice(points, points + real_size(frame))
+    slices = slice(vectors, vectors + frame.dim), slice(points, points + real_size(frame))
     top = _top(frame, matrix, name)
-    bodies.append(Body(inverse, root, None, top, *places, isinstance(frame, Sphere)))
+    bodies.append(Body(inverse, root, None, top, *slices, isinstance(frame, Sphere)))
     return None if value is None else matrix
 
 
