@@ -184,17 +184,17 @@ def fit_lmdif(
 
 def _callback(f: Residual, start: Vector) -> tuple[Callable[[int, Vector, Vector], Vector], int]:
     """Return the function that compiled code calls, and its number of rows."""
-    first = _residuals(f, start, None)
-    rows = first.size
+    residuals = _residuals(f, start, None)
+    rows = residuals.size
     if rows < start.size:
         raise ValueError(
             f"f must return at least as many residuals as x0 has elements: "
             f"{rows} residuals, {start.size} unknowns"
         )
-    known = [first]  # the solver's first call is at the start
+    at_start = [residuals]  # the solver's first call is there
 
     def evaluate(operation: int, x: Vector, _: Vector) -> Vector:
-        return known.pop() if known else _residuals(f, x, rows)
+        return at_start.pop() if at_start else _residuals(f, x, rows)
 
     return evaluate, rows
 
