@@ -76,10 +76,10 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         self._rebuild()
 
     def _rebuild(self) -> None:
-        """Make the generators for what is known of the coefficients.
+        """Make the generators that the assumptions on the coefficients leave.
 
-        They are taken as real, and the sum of the terms as skew-Hermitian, until a time at which
-        this is wrong; the integration then starts again with all generators.
+        Coefficients are taken as real, and the sum of the terms as skew-Hermitian, until a time at
+        which this is wrong; the integration then starts again with all generators.
         """
         pattern, values = self._pattern, self._values
         if not self._is_real:

@@ -24,7 +24,7 @@ memory."""
 
 
 class Rows(IntEnum):
-    """Which entries of ``a`` a tableau may have.
+    """The entries of ``a`` that a tableau may have.
 
     >>> [rows.name for rows in Rows]
     ['EXPLICIT', 'DIAGONAL', 'FULL']

@@ -242,12 +242,12 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]
     gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
-    rest = np.zeros((3, 3)) if matrix.ndim == 1 else _orthogonal_rest(axes)
-    return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
+    lower = np.zeros((3, 3)) if matrix.ndim == 1 else _lower_digits(axes)
+    return np.array([*axes.T.ravel(), *lower.T.ravel(), *map(float, (*inverse, *gaps))])
 
 
-def _orthogonal_rest(axes: Array) -> Array:
-    """Return the term that, added, makes a rounded rotation orthogonal to twice the digits.
+def _lower_digits(axes: Array) -> Array:
+    """Return the term that, added to a rounded rotation, makes it orthogonal to twice the digits.
 
     It is a step of Newton and Schulz with an exact residual.
     """

@@ -26,7 +26,7 @@ _HERMITIAN_PART = 1e-13  # largest part of skew-Hermitian generators, relative t
 
 
 class _Entries(IntEnum):
-    """What compiled code stores of the entries of matrices."""
+    """The parts of the entries of matrices that compiled code stores."""
 
     REAL = 0
     IMAGINARY = 1
@@ -57,8 +57,8 @@ class LinearAction(CompiledFlow, UserFrame):
     Parameters
     ----------
     generators
-        Shape ``(n, n)``. The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are
-        ``-1j * H``.
+        Shape ``(n, n)``. The :math:`G_i`, sparse, dense or of QuTiP. A Hamiltonian H has the
+        generator ``-1j * H``.
     unitary
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.

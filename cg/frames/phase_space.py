@@ -213,8 +213,8 @@ class PhaseSpace(Product):
         derivatives G of the constraints g along the fields. The constraints of a ball, and the
         first three of other joints with a common point, are the coordinates of the first body's
         point less those of the second one's, so that these :math:`\lambda` are the force on the
-        first body in space axes. Those of a slider are its forces along the first two axes of the
-        first body, that of a distance is the force between the points, positive if it pushes. Other
+        first body in space axes. A slider has its forces along the first two axes of the first
+        body, a distance has the force between the points, positive if it pushes. Other
         constraints are cosines between axes: third and first, third and second of a hinge, both
         third ones of a universal joint, and first and second, second and third, third and first
         of others. Their :math:`\lambda` are torques on the first body about the vector product of

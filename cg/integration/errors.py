@@ -14,7 +14,7 @@ class ConvergenceError(RuntimeError):
     Attributes
     ----------
     reason
-        What ended the iteration.
+        The reason for which the iteration ended.
     iterations
         Iterations that were made.
     residual

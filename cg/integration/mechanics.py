@@ -45,8 +45,8 @@ def refuse_friction(
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     count = len(times) * points.shape[1]
-    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
-    sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
+    size = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
+    sample = np.linspace(0, count - 1, min(count, size)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those after an early end
     k, members = k[reached], members[reached]

@@ -86,8 +86,8 @@ class Stepper:
         ``"running"``, ``"event"`` at a terminal event, of an ensemble at those of all members,
         ``"finished"`` at ``t_bound``, or ``"failed"``.
     stopped
-        Which members of an ensemble a terminal event has ended, shape ``(members,)``; their points
-        in ``y`` are those at their events. None for a single point.
+        Whether a terminal event has ended each member of an ensemble, shape ``(members,)``; their
+        points in ``y`` are those at their events. None for a single point.
     t_events, y_events, y_after
         For each event its times so far, and the points before and after its jumps, as in a
         `Solution`, of an ensemble as in an `EnsembleSolution`; None without events.
@@ -141,7 +141,7 @@ class Stepper:
         first, breakpoints = all_options["first_step"], all_options["breakpoints"]
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:
-            all_options["first_step"] = None  # which may exceed the span here
+            all_options["first_step"] = None  # it may exceed the span here, which is empty
         problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=ensemble)
         if problem.member_inputs:
             raise ValueError(
@@ -201,7 +201,7 @@ class Stepper:
 
     @property
     def _stopped(self) -> NDArray[np.bool_]:
-        """Which members a terminal event has ended; a single point may go on, and isn't marked."""
+        """Whether a terminal event has ended each member; a single point may go on after it."""
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
         return stopped if self._ensemble else _NONE_STOPPED
 
@@ -344,19 +344,19 @@ class Stepper:
             rows = run.plan.doubles(points)
         if first_step is not None and run.control.h is not None:
             raise ValueError(f"first_step must be None with h, got {first_step!r}")
-        first = self._first_step
+        size = self._first_step
         if first_step is not None:
-            first = check_real("first_step", first_step, positive=True)
+            size = check_real("first_step", first_step, positive=True)
         same_f = args is None and parameters is None and inputs is None
         replaced = y is not None or not same_f
         if first_step is None and t is None and replaced and self.status != "failed":
-            first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
+            size = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
             self._find_stops(run.rhs.extra.inputs, time)
         goes_on = t is not None or y is not None
-        self._begin(time, rows, first, np.zeros_like(self._stopped) if goes_on else self._stopped)
+        self._begin(time, rows, size, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._ensemble and self._stopped.all():
             self.status = "event"
@@ -405,15 +405,15 @@ class Stepper:
     def _find_stops(self, inputs: Inputs | None, t: float) -> None:
         """Set the ends of segments from a time on, and the last time of a step without a limit.
 
-        That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
+        It is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
         """
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
         stops = np.append(self._breakpoints, end)
         if inputs is not None:
-            first, last = inputs.span
-            end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
+            start, stop = inputs.span
+            end = sign * min(sign * end, max(sign * t, sign * (stop if sign > 0.0 else start)))
             stops = np.append(stops[sign * stops < sign * end], end)
             stops = inputs.add_stops(stops, t, control.tolerance)
         self._stops, self._end = stops[:-1], end

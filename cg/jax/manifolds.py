@@ -28,7 +28,7 @@ from cg.jax.rules import (
     unit_step,
 )
 
-_SERIES_TERMS = 18  # of (exp(a) - 1) / a for |a| < 1; the next one is below rounding
+_SERIES_TERMS = 18  # terms of (exp(a) - 1) / a for |a| < 1; the next one is below rounding
 
 
 def euclidean_rules(frame: frames.Euclidean) -> Rules:

@@ -46,7 +46,7 @@ class HasTable(Protocol):
 
 
 class MethodRecord(ctypes.Structure):
-    """The record of a method in compiled code."""
+    """The structure of compiled code with the constants of a method."""
 
     _fields_ = fields_of(METHOD)
 
@@ -197,7 +197,7 @@ class MethodTable:
 
     @cached_property
     def record(self) -> MethodRecord:
-        """The record in compiled code, which keeps its arrays alive."""
+        """The structure that compiled code reads; it keeps its arrays alive."""
         arrays = {name: np.asarray(array, np.float64) for name, array in self.arrays.items()}
         addresses = {name: array.ctypes.data for name, array in arrays.items()}
         numbers = {name: x for name, x in self.numbers.items() if name in METHOD}

@@ -175,7 +175,7 @@ def template(*names: str) -> str:
 def fill(text: str, parts: Mapping[str, object], conditions: Container[str] = ()) -> str:
     """Return a template with each ``@key@``, also in earlier parts, replaced by its part.
 
-    What is between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
+    Text between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
     """
     while section := _SECTION.search(text):
         kept = section[2] if section[1] in conditions else ""

@@ -47,7 +47,7 @@ class Method(ABC):
     nominal_residual
         Upper bound of the absolute residuals through `nominal_order`.
     tree
-        The points of a step. Those of an implicit method depend on the unknown stages.
+        The points of a step. Points of an implicit method depend on the unknown stages.
     coefficients
         All coefficients, packed as `layout` describes.
     file

@@ -95,7 +95,7 @@ class MethodPaths:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the record that compiled code reads."""
+        """The numbers among the fields of the structure `METHOD`, by name."""
         flows = [flow for path in self.paths for flow in path.flows]
         return {
             "paths": len(self.paths), "flows": len(flows), "terms": sum(map(len, flows)),

@@ -141,13 +141,13 @@ def lmdif(
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
     n = start.size
-    limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
+    max_calls = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
     arguments = (
         np.zeros(n) if diag is None else _scale_factors(diag, n),
         check_real("ftol", ftol),
         check_real("xtol", xtol),
         check_real("gtol", gtol),
-        limit,
+        max_calls,
         check_real("epsfcn", epsfcn),
         check_real("factor", factor, positive=True),
     )

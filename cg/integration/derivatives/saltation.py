@@ -259,5 +259,5 @@ class VariationalEvents:
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
             return elapsed, remaining
-        first, last = reader.inputs.span
-        return min(elapsed, max(t - first, 0.0)), min(remaining, max(last - t, 0.0))
+        start, stop = reader.inputs.span
+        return min(elapsed, max(t - start, 0.0)), min(remaining, max(stop - t, 0.0))

@@ -103,11 +103,11 @@ class VariationalEquation:
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n, chosen = self.frame.dim, self.chosen
-        numbers = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
+        doubles = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
         z = np.empty((len(y), *self.product.point_shape))
-        z[:, : numbers.shape[1]] = numbers
+        z[:, : doubles.shape[1]] = doubles
         x = np.eye(n, self.column_count) if chosen is None else chosen[:n]
-        z[:, numbers.shape[1] :] = x.ravel()
+        z[:, doubles.shape[1] :] = x.ravel()
         return z
 
     def split(self, z: Array) -> tuple[Points, Array]:

@@ -293,7 +293,7 @@ class Solution(_SolutionBase):
     h
         Absolute size of equal steps, None for adaptive ones.
     observed
-        What ``observe`` returned at the times ``t``, shape ``(n, ...)``, or None.
+        The values of ``observe`` at the times ``t``, shape ``(n, ...)``, or None.
     transition
         With ``derivatives="forward"``, else None as the following: derivatives of the coordinates
         of ``y`` with respect to those of ``y0``, shape ``(n, dim, dim)``, read-only.
@@ -394,7 +394,7 @@ class EnsembleSolution(_SolutionBase):
     method, frame, h
         As those of `Solution`.
     observed
-        What ``observe`` returned, shape ``(n, members, ...)``, or None.
+        The values of ``observe``, shape ``(n, members, ...)``, or None.
     transition, sensitivity, covariance
         As those of `Solution`, with the members as second axis; NaN at times that a member didn't
         reach.
@@ -430,7 +430,7 @@ class EnsembleSolution(_SolutionBase):
         if not isinstance(member, int | np.integer) or member not in allowed:
             error = IndexError if isinstance(member, int | np.integer) else TypeError
             raise error(f"member must be an integer in {allowed}, got {member!r}")
-        member = range(len(self))[member]  # which takes negative ones
+        member = range(len(self))[member]  # from 0, also if it was negative
         counts = [getattr(self, name).item(member) for name in COUNTS]
         ends = self._direction, self.t_end.item(member), self.status.item(member), counts
         fields = member_fields(self, member, *ends)

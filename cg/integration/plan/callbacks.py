@@ -86,11 +86,11 @@ class Jacobian:
 
     def solve(self, member: int, b: Array) -> Array:
         """Return the solution of the real system, or of the complex one if b has 2 n numbers."""
-        _, first, second = self.kept[member]
+        _, real_solver, complex_solver = self.kept[member]
         n = self.derivative.frame.dim
         if len(b) == n:
-            return np.asarray(first.solve(b))
-        x = second.solve(b[:n] + 1j * b[n:])
+            return np.asarray(real_solver.solve(b))
+        x = complex_solver.solve(b[:n] + 1j * b[n:])
         return np.concatenate([x.real, x.imag])
 
 

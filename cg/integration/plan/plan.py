@@ -148,5 +148,5 @@ def plan_of(frame: Frame, table: MethodTable, user_frame: Frame | None = None) -
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # threads may add a few more
             plans.pop(next(iter(plans)), None)
-        plan = plans[key] = Plan(frame, table, user_frame)  # which keeps the table alive
+        plan = plans[key] = Plan(frame, table, user_frame)  # a plan keeps its table alive
     return plan

@@ -19,10 +19,10 @@ from cg.support.capsules import address_in, data_in
 from cg.support.frozen import changed
 
 SIGNATURE = "int (double, double *, double *, void *)"
-"""What a compiled right-hand side must be; ``const`` may stand anywhere."""
+"""The type of compiled right-hand sides in C; ``const`` may stand anywhere."""
 
 EVENT_SIGNATURE = "double (double, double *, void *)"
-"""What a compiled event must be; ``const`` may stand anywhere."""
+"""The type of compiled events in C; ``const`` may stand anywhere."""
 
 _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 

@@ -52,8 +52,8 @@ class Inputs:
     @property
     def span(self) -> tuple[float, float]:
         """The times between which all inputs are known."""
-        first = max(float(curve.times[0]) for curve in self.curves)
-        return first, min(curve.end for curve in self.curves)
+        start = max(float(curve.times[0]) for curve in self.curves)
+        return start, min(curve.end for curve in self.curves)
 
     def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
         """Return the derivatives of a sum over times with respect to the values of the samples.
@@ -210,12 +210,12 @@ class DataReader(Reader):
 
     def function(self) -> Callable[[float], Any]:
         """Return the inputs as a function, which reads them from the data."""
-        reads, first = [], 0
+        reads, start = [], 0
         for curve in self.inputs.curves:
-            stop = first + math.prod(curve.shape)
-            values = self._data[first:stop].reshape(curve.shape)
+            stop = start + math.prod(curve.shape)
+            values = self._data[start:stop].reshape(curve.shape)
             reads.append(values.copy if curve.shape else values.item)
-            first = stop
+            start = stop
         if self.inputs.in_tuple:
             return lambda t: tuple([read() for read in reads])
         return lambda t: reads[0]()
@@ -235,7 +235,7 @@ class WithInput:
 
 
 class ExtraArguments(NamedTuple):
-    """What functions get besides time and point."""
+    """The arguments of functions besides time and point."""
 
     args: tuple[Any, ...] = ()
     parameters: Array | None = None  # a row for each member, shape (members, k)

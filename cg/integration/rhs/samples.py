@@ -103,25 +103,21 @@ class Resolution:
         Steps that start between t and the time of the next row are at most limit long.
         """
         allowed = tolerance**0.25
-        pieces = len(self._times) - 1
-        level = np.zeros(pieces, dtype=np.int8)
+        level = np.zeros(len(self._times) - 1, dtype=np.int8)
         errors = np.zeros_like(self._scales[0])
-        for k, (scale, raw_errors) in enumerate(
-            zip(self._scales[1:], self._errors, strict=True), 1
-        ):
+        levels = zip(self._scales[1:], self._errors, strict=True)
+        for k, (scale, raw_errors) in enumerate(levels, 1):
             relevant = np.where(raw_errors > _IGNORED * tolerance * scale, raw_errors, 0.0)
             errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), relevant)
             smooth = (errors <= allowed * scale).all(axis=1)
             if not smooth.any():
                 break
             level.reshape(-1, 2**k)[smooth] = k
-        first = np.arange(self._pieces)
+        pieces = np.arange(self._pieces)
         sizes = 2 ** level[: self._pieces].astype(np.int64)
-        first = first[first % sizes == 0]
-        starts = self._times[first]
-        return np.stack(
-            [starts, _BLOCKS_PER_STEP * (self._times[first + sizes[first]] - starts)], axis=1
-        )
+        first = pieces[pieces % sizes == 0]  # of each block of 2^level pieces
+        starts, ends = self._times[first], self._times[first + sizes[first]]
+        return np.stack([starts, _BLOCKS_PER_STEP * (ends - starts)], axis=1)
 
 
 def _padded(times: Array, values: Array) -> tuple[Array, Array]:
@@ -159,15 +155,15 @@ def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
     """Return the distance of every second point from the cubic through four of the others."""
     count = min(4, len(times[::2]))
     at, nodes = times[1::2], times[::2]
-    first = np.clip(np.arange(-1, len(at) - 1), 0, len(nodes) - count)
-    stencil = [nodes[first + i] for i in range(count)]
+    starts = np.clip(np.arange(-1, len(at) - 1), 0, len(nodes) - count)
+    stencil = [nodes[starts + i] for i in range(count)]
     error = -values[1::2]
     for i, point in enumerate(stencil):
         weight = np.ones_like(at)
         for j, other in enumerate(stencil):
             if j != i:
                 weight *= (at - other) / (point - other)
-        error += weight[:, None] * values[::2][first + i]
+        error += weight[:, None] * values[::2][starts + i]
     error = np.abs(error)
     return np.where(error > rounding, error, 0.0)
 
@@ -414,9 +410,8 @@ class Samples(ReadOnly):
 
     def check_span(self, start: float, stop: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
-        first, last = min(start, stop), max(start, stop)
         low, high = self._span
-        if not (low <= first and last <= high):
+        if not (low <= min(start, stop) and max(start, stop) <= high):
             low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
             is_span = start < stop or stop < start  # else one time, or NaN
             raise ValueError(
