@@ -66,20 +66,20 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 "the system must not depend on the state for the method 'cg', got feedback in the "
                 f"arguments {list(feedback)}"
             )
-        self._functions, places, matrices = _collect(self.system)
+        self._functions, rows, matrices = _collect(self.system)
         self._pattern, parts = on_one_pattern(matrices, symmetric=True)
         self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
-        for place, part in zip(places, parts, strict=True):
-            self._values[place] += part
+        for row, part in zip(rows, parts, strict=True):
+            self._values[row] += part
         self._stops: dict[float, Array] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 
     def _rebuild(self) -> None:
-        """Make the generators for what is known of the coefficients.
+        """Make the generators that the assumptions on the coefficients leave.
 
-        They are taken as real, and the sum of the terms as skew-Hermitian, until a time at which
-        this is wrong; the integration then starts again with all generators.
+        Coefficients are taken as real, and the sum of the terms as skew-Hermitian, until a time at
+        which this is wrong; the integration then starts again with all generators.
         """
         pattern, values = self._pattern, self._values
         if not self._is_real:
@@ -142,11 +142,11 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def run(self, tlist: Sequence[float]) -> Iterator[tuple[float, Data]]:
         """Integrate through times, the first of which is that of the state."""
-        given = np.asarray(tlist, dtype=float)
-        changes = np.diff(given)
+        all_times = np.asarray(tlist, dtype=float)
+        changes = np.diff(all_times)
         if not (np.all(changes >= 0.0) or np.all(changes <= 0.0)):
-            raise ValueError(f"tlist must be sorted, got {given}")
-        times = given[np.append(True, changes != 0.0)]
+            raise ValueError(f"tlist must be sorted, got {all_times}")
+        times = all_times[np.append(True, changes != 0.0)]
         if len(times) == 1:
             yield from ((self._t, Dense(self._y)) for _ in changes)
             return
@@ -158,8 +158,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 self._rebuild()
         if not solution.success:
             raise IntegratorException(solution.message.replace("max_steps", "nsteps"))
-        places = np.cumsum(changes != 0.0)
-        for self._t, self._y in zip(given[1:].tolist(), solution.y[places], strict=True):
+        indices = np.cumsum(changes != 0.0)
+        for self._t, self._y in zip(all_times[1:].tolist(), solution.y[indices], strict=True):
             yield self._t, fast_from_numpy(self._y)  # complex and in order; no check takes time
 
     def _solve(self, times: Array) -> Any:
@@ -219,12 +219,12 @@ class _WrongAssumptionError(Exception):
 
 
 def _collect(system: Any) -> tuple[list[Any], list[int], list[sparse.csr_array]]:
-    """Return the coefficients, and the place of its coefficient, from 1, and matrix of each part.
+    """Return the coefficients, and of each part the number of its coefficient and its matrix.
 
-    The place of constant parts is 0.
+    Coefficients are counted from 1; constant parts have the number 0.
     """
     functions: list[Any] = []
-    places, matrices = [], []
+    numbers, matrices = [], []
     for part in system.to_list():
         operator, coefficient = part if isinstance(part, list) else (part, None)
         if not isinstance(operator, Qobj):
@@ -234,9 +234,9 @@ def _collect(system: Any) -> tuple[list[Any], list[int], list[sparse.csr_array]]
             )
         if coefficient is not None and coefficient not in functions:
             functions.append(coefficient)
-        places.append(0 if coefficient is None else 1 + functions.index(coefficient))
+        numbers.append(0 if coefficient is None else 1 + functions.index(coefficient))
         matrices.append(operator.to("CSR").data.as_scipy())
-    return functions, places, matrices
+    return functions, numbers, matrices
 
 
 def _times_of_arrays(coefficient: Any, tolerance: float) -> Array:

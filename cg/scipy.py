@@ -216,4 +216,4 @@ def _of_coordinates(frame: Frame, tolerances: Array) -> Array:
         return np.concatenate([_of_coordinates(factor, part) for factor, part in each])
     if isinstance(frame, Power):
         return np.concatenate([_of_coordinates(frame.factor, part) for part in tolerances])
-    return np.full(frame.dim, tolerances.view(np.float64).min())  # those of imaginary parts too
+    return np.full(frame.dim, tolerances.view(np.float64).min())  # also of imaginary parts

@@ -47,7 +47,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
             if not (cmd_name.startswith("-") or ctx.resilient_parsing):
-                from cg.support.checks import similar_names  # which imports NumPy
+                from cg.support.checks import similar_names  # late: it imports NumPy
 
                 ctx.fail(f"no command is named {cmd_name!r}{similar_names(cmd_name, _MODULES)}")
             return None

@@ -94,8 +94,8 @@ def list_command(only_proved: bool, sort: str, in_json: bool, **filters: Any) ->
 
 def _sort_key(summary: MethodSummary, name: str) -> tuple[Any, ...]:
     error = math.inf if summary.principal_error is None else summary.principal_error
-    first = error if name == "error" else getattr(summary, name)
-    return first, summary.evaluations, summary.flows, summary.name
+    value = error if name == "error" else getattr(summary, name)
+    return value, summary.evaluations, summary.flows, summary.name
 
 
 def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:

@@ -200,9 +200,9 @@ def _run(
     try:
         result = function(**arguments, executor=executor, progress=not quiet and has_bars())
     except ValueError as error:
-        first, _, rest = str(error).partition(" ")
-        option = f"--{first.replace('_', '-')}" if first in arguments else first
-        raise click.UsageError(f"{option} {rest}") from None
+        name, _, message = str(error).partition(" ")
+        option = f"--{name.replace('_', '-')}" if name in arguments else name
+        raise click.UsageError(f"{option} {message}") from None
     except KeyboardInterrupt as interrupt:
         if arguments["store"] is None:
             interrupt.add_note("with --store FILE the same command would continue from here")

@@ -1,4 +1,4 @@
 """Construction of methods: trees, order conditions, methods, search, lifting, proofs, catalogue.
 
-What integrates with methods imports nothing of this; it reads their tables (`cg.tables`).
+Integrators import nothing of this; they read the tables of methods (`cg.tables`).
 """

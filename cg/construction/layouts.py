@@ -24,7 +24,7 @@ memory."""
 
 
 class Rows(IntEnum):
-    """Which entries of ``a`` a tableau may have.
+    """The entries of ``a`` that a tableau may have.
 
     >>> [rows.name for rows in Rows]
     ['EXPLICIT', 'DIAGONAL', 'FULL']
@@ -161,7 +161,7 @@ class Layout:
     def names(self) -> list[str]:
         """Names of the unknowns, with points and stages counted from 1.
 
-        Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights ``w_3,1`` for
+        Names of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights ``w_3,1`` for
         point 3 and stage 1, nodes ``c_2``.
         """
         if self.rows is None:
@@ -184,9 +184,7 @@ class Layout:
 
         With equal weights of this stage the error estimate would not depend on it.
         """
-        if self.rows is None or not self.pair:
-            return []
-        return [self.row(self.stages + 1)[-1]]
+        return [self.row(self.stages + 1)[-1]] if self.rows is not None and self.pair else []
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the weights of a stage (from 0) in other stages and in results."""

@@ -63,9 +63,7 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     inches = ax.get_window_extent().width / ax.figure.dpi
     size = min(_SIZE, _FITTING * inches / (s + 1.2))  # no text is wider than a cell of width 1
     a, b = method.exact
-    rows = [*a, b]
-    if method.exact_embedded is not None:
-        rows.append(method.exact_embedded)
+    rows = [*a, b, *filter(None, [method.exact_embedded])]
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
@@ -132,17 +130,17 @@ def points(method: str | Method, ax: Any = None) -> Any:
         raise ValueError(f"method must be explicit, got {method!r}")
     ax = axes_for(ax)
     tree = method.tree.without_repetitions()
-    places = _places(tree)
-    used = [m for m in places if m != START]
+    positions = _positions(tree)
+    used = [m for m in positions if m != START]
     labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
     for m in used:
-        xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
+        xs, ys = zip(positions[tree.points[m].parent], positions[m], strict=True)
         ax.plot(xs, ys, "-", color=FAINT, linewidth=1.2, zorder=1)
         if labelled:
             box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
             flow = _flow(tree.points[m].weights)
             ax.text(sum(xs) / 2, sum(ys) / 2, flow, bbox=box, **_centred())
-    _draw_points(ax, tree, places)
+    _draw_points(ax, tree, positions)
     ax.set_xlabel("time of the point, in steps")
     ax.set_yticks([])
     for side in ("left", "right", "top"):
@@ -152,38 +150,38 @@ def points(method: str | Method, ax: Any = None) -> Any:
     return ax
 
 
-def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
-    others = [place for m, place in places.items() if m != START]
+def _draw_points(ax: Any, tree: PointTree, positions: dict[int, tuple[float, float]]) -> None:
+    others = [position for m, position in positions.items() if m != START]
     ax.scatter(*zip(*others, strict=True), s=12, color=FAINT, zorder=2)
     looks = ("s", COLOURS[1], "result"), ("D", COLOURS[2], "second result")
     for end, (marker, colour, label) in zip(tree.results, looks, strict=False):
-        ax.scatter(*places[end], s=230, marker=marker, color=colour, zorder=3, label=label)
+        ax.scatter(*positions[end], s=230, marker=marker, color=colour, zorder=3, label=label)
     stages: dict[int, list[str]] = {}
-    for k, at in enumerate(tree.stage_points, 1):
-        stages.setdefault(at, []).append(str(k))
-    for number, (at, numbers) in enumerate(stages.items()):
+    for k, point in enumerate(tree.stage_points, 1):
+        stages.setdefault(point, []).append(str(k))
+    for number, (point, numbers) in enumerate(stages.items()):
         once = {"label": "stages"} if number == 0 else {}
-        ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
+        ax.scatter(*positions[point], s=130, color=COLOURS[0], zorder=4, **once)
         text = ", ".join(numbers)
-        ax.text(*places[at], text, fontweight="bold", zorder=5, **_centred("white"))
+        ax.text(*positions[point], text, fontweight="bold", zorder=5, **_centred("white"))
     ax.legend(frameon=False, fontsize=8, markerscale=0.5, loc="upper left")
 
 
-def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
-    """Return the places of the points: x is the time, and each branch has another height."""
+def _positions(tree: PointTree) -> dict[int, tuple[float, float]]:
+    """Return the positions of the points: x is the time, and each branch has another height."""
     ends = *tree.stage_points, *tree.results
     used = sorted({m for end in ends for m in tree.path(end)})
-    places: dict[int, tuple[float, float]] = {}
+    positions: dict[int, tuple[float, float]] = {}
 
     def place(m: int, height: float) -> None:
-        places[m] = float(sum(tree.flat_row(m))), height
+        positions[m] = float(sum(tree.flat_row(m))), height
         for child in used:
             if tree.points[child].parent == m:
                 place(child, height + _RISE)
-                height = max(y for _, y in places.values()) + 1.0 - _RISE  # above this branch
+                height = max(y for _, y in positions.values()) + 1.0 - _RISE  # above this branch
 
     place(START, 0.0)
-    return {m: places[m] for m in (START, *used)}
+    return {m: positions[m] for m in (START, *used)}
 
 
 def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
@@ -226,22 +224,22 @@ def tree(tree: OrderedTree | str, ax: Any = None) -> Any:
 
 
 def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
-    """Return the places of nodes, root first, leaves one apart, and edges (parent, child)."""
-    places: list[tuple[float, float]] = []
+    """Return the positions of nodes, root first, leaves one apart, and edges (parent, child)."""
+    positions: list[tuple[float, float]] = []
     edges: list[tuple[int, int]] = []
     leaves = count()
 
     def place(node: OrderedTree, height: float) -> int:
-        number = len(places)
-        places.append((0.0, height))
+        number = len(positions)
+        positions.append((0.0, height))
         below = [place(child, height + 1.0) for child in node.children]
         edges.extend((number, child) for child in below)
-        x = (places[below[0]][0] + places[below[-1]][0]) / 2 if below else float(next(leaves))
-        places[number] = x, height
+        x = (positions[below[0]][0] + positions[below[-1]][0]) / 2 if below else float(next(leaves))
+        positions[number] = x, height
         return number
 
     place(tree, 0.0)
-    return [(x - places[0][0], height) for x, height in places], edges
+    return [(x - positions[0][0], height) for x, height in positions], edges
 
 
 def stability_region(method: Any, ax: Any = None) -> Any:
@@ -354,7 +352,7 @@ def _tableau(method: Method, digits: int) -> str:
         rows = [row[: end + 1] for end, row in enumerate(rows)]
     rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
     lines = [[x if isinstance(x, str) else _number(x, digits) for x in row] for row in rows]
-    text = align_columns([[first, "│", *rest] for first, *rest in lines]).splitlines()
+    text = align_columns([[c, "│", *weights] for c, *weights in lines]).splitlines()
     rule = "─" * max(map(len, text))
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 

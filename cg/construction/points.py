@@ -96,7 +96,7 @@ class PointTree:
         row = [Fraction(0)] * len(self.stage_points)
         for m in self.path(point):
             for stage, weight in self.points[m].weights.items():
-                if stage < len(row):  # those after them are on brackets of linear equations
+                if stage < len(row):  # further weights are on brackets of linear equations
                     row[stage] += weight
         return tuple(row)
 

@@ -36,7 +36,7 @@ _log = logging.getLogger("cg")
 Result = TypeVar("Result")
 
 _NOUNS = {"search": ("search", "start"), "construct": ("construction", "try")}
-"""What kinds of runs and their pieces are called."""
+"""Names of kinds of runs and of their pieces."""
 
 
 class StoreError(ValueError):

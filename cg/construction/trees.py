@@ -294,9 +294,7 @@ def fortran_tables(trees: Forest) -> str:
     rest = [0, *(index_of[word[1:]] for word in trees.children[1:])]
     head = [index_of[word[:k]] for word in trees.children for k in range(len(word) + 1)]
     tail = [index_of[word[k:]] for word in trees.children for k in range(len(word) + 1)]
-    child_start = [1]
-    for word in trees.children:
-        child_start.append(child_start[-1] + len(word))
+    child_start = list(accumulate(map(len, trees.children), initial=1))
     letters = [letter for word in trees.children for letter in word]
     split_start = [start + k for k, start in enumerate(child_start)]
     condition = [index if trees.is_independent(index) else 0 for index in range(1, total + 1)]

@@ -130,8 +130,8 @@ class Frame(Manifold, FieldAlgebra):
     def coefficients(self, y: ArrayLike, dy: ArrayLike) -> Array:
         """Return the coefficients of derivatives of points, the inverse of `field`.
 
-        Of several ones with the same tangent they are those of least norm, without isotropy. A part
-        of ``dy`` that no field has, such as one normal to the manifold, is dropped.
+        Where several coefficients have the same tangent, these have the least norm, without
+        isotropy. A part of ``dy`` that no field has, such as a normal one, is dropped.
 
         Warns
         -----
@@ -149,10 +149,10 @@ class Frame(Manifold, FieldAlgebra):
         v, dropped = self._coefficients(self._points(y), self._points(dy, "dy"))
         excess = dropped > NORMAL_PART
         if excess.any():
-            place = tuple(map(int, np.unravel_index(np.argmax(excess), excess.shape)))
+            index = tuple(map(int, np.unravel_index(np.argmax(excess), excess.shape)))
             warnings.warn(
                 f"dy has a part that the fields of {self!r} don't have, which is dropped: "
-                f"{dropped[place]:.3g} of its length{f' at index {place}' if place else ''}",
+                f"{dropped[index]:.3g} of its length{f' at index {index}' if index else ''}",
                 stacklevel=2,
             )
         return v
@@ -287,10 +287,10 @@ class Frame(Manifold, FieldAlgebra):
             v[lost] = np.where(nearer[:, None], tangents, 0.0)
         return v
 
-    def _composed(self, path: Array) -> Array:
-        """Return the coefficients of the flow that is a product of flows, zero if not known.
+    def _composed(self, flows: Array) -> Array:
+        """Return the coefficients of the product of flows, zero if the frame doesn't define it.
 
-        ``path`` has the shape ``(count, dim)``, the first flow first.
+        ``flows`` has the shape ``(count, dim)``, the first flow first.
         """
         return np.zeros(self.dim)
 

@@ -61,11 +61,11 @@ def constants_of(blocks: Blocks) -> Array:
 
 
 def apply_operation(
-    what: Operation, blocks: Blocks, option: int, count: int, *vectors: Points
+    operation: Operation, blocks: Blocks, option: int, count: int, *vectors: Points
 ) -> None:
     """Apply an operation to pairs of vectors in compiled code, which writes into the third ones."""
     rows = (np.ascontiguousarray(x).reshape(count, -1).view(np.float64).T for x in vectors)
-    core.frame_apply(what, describe_blocks(blocks), constants_of(blocks), option, *rows)
+    core.frame_apply(operation, describe_blocks(blocks), constants_of(blocks), option, *rows)
 
 
 def move(block: Block, v: Array, y: Points) -> Points:

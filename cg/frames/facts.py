@@ -1,4 +1,4 @@
-"""What integrations ask of a frame: whether it is compiled, its brackets, its dexp⁻¹."""
+"""Facts about frames that integrations need: compiled blocks, brackets, dexp⁻¹."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Dexpinv = Callable[[Array, Array], Array]
 
 
 class FrameFacts:
-    """What integrations ask of a frame at each call, computed once."""
+    """Facts about a frame that integrations need at each call, computed once."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
@@ -27,7 +27,7 @@ class FrameFacts:
         self.compiled = self.blocks is not None
         # whether compiled code computes the flow from one point to another
         self.has_difference = self.blocks is not None and not compared_by_entries(self.blocks)
-        # what others keep: plans of `cg.integration.plan`, and products with derivatives
+        # filled by others: plans of `cg.integration.plan`, and products with derivatives
         self.plans: dict[Any, Any] = {}
         self.products: dict[Any, Any] = {}
 
@@ -67,9 +67,9 @@ def frames_for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
 
 def check_brackets(frame: Frame, method: object) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
-    why = facts_of(frame).no_brackets
-    if why is not None:
+    reason = facts_of(frame).no_brackets
+    if reason is not None:
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
-            f"{method!r}, which needs brackets: {why}"
+            f"{method!r}, which needs brackets: {reason}"
         )

@@ -92,9 +92,9 @@ class HomogeneousSpace(Frame):
         further = self.group.exponential(usable_or_zero(self._coefficients_at(y, end - y)))
         return self.group.logarithm(further @ self.group.exponential(v))
 
-    def _composed(self, path: Array) -> Array:
+    def _composed(self, flows: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
-            product = reduce(lambda x, y: y @ x, self.group.exponential(path))
+            product = reduce(lambda x, y: y @ x, self.group.exponential(flows))
             return self.group.logarithm(product)
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -120,6 +120,10 @@ class HomogeneousSpace(Frame):
 
 class ConjugationSpace(HomogeneousSpace):
     r"""Matrices on which a group acts by :math:`y \mapsto x\,y\,x^*`."""
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        return self.group.point_shape
 
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y @ x.mT.conj())

@@ -18,8 +18,8 @@ from cg.frames.sphere import Sphere
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import short
 
-_ASYMMETRY = 1e-12  # largest one of a symmetric matrix, relative to its largest entry
-_COMMUTATOR = 1e-12  # largest one of matrices that commute, relative to their entries
+_ASYMMETRY = 1e-12  # largest asymmetry of a symmetric matrix, relative to its largest entry
+_COMMUTATOR = 1e-12  # largest commutator of matrices that commute, relative to their entries
 _KNOWN = "SO(n), UnitQuaternion, SU(n), U(n), Euclidean, Sphere(2), and products and powers of them"
 
 Inertia = Any
@@ -124,9 +124,9 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
         root = np.asarray(np.linalg.cholesky(matrix), np.float64)
         inverse = 0.5 * (inverse + inverse.T)
     vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
-    places = slice(vectors, vectors + frame.dim), slice(points, points + real_size(frame))
+    slices = slice(vectors, vectors + frame.dim), slice(points, points + real_size(frame))
     top = _top(frame, matrix, name)
-    bodies.append(Body(inverse, root, None, top, *places, isinstance(frame, Sphere)))
+    bodies.append(Body(inverse, root, None, top, *slices, isinstance(frame, Sphere)))
     return None if value is None else matrix
 
 
@@ -242,12 +242,12 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]
     gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
-    rest = np.zeros((3, 3)) if matrix.ndim == 1 else _orthogonal_rest(axes)
-    return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
+    lower = np.zeros((3, 3)) if matrix.ndim == 1 else _lower_digits(axes)
+    return np.array([*axes.T.ravel(), *lower.T.ravel(), *map(float, (*inverse, *gaps))])
 
 
-def _orthogonal_rest(axes: Array) -> Array:
-    """Return the term that, added, makes a rounded rotation orthogonal to twice the digits.
+def _lower_digits(axes: Array) -> Array:
+    """Return the term that, added to a rounded rotation, makes it orthogonal to twice the digits.
 
     It is a step of Newton and Schulz with an exact residual.
     """

@@ -220,10 +220,10 @@ class Linkage:
         order = sorted(range(len(self.joints)), key=lambda k: sorted(self.joints[k].bodies)[::-1])
         integers: list[list[int]] = []
         numbers: list[list[float]] = []
-        places = {}
+        rows_of = {}
         for k in order:
             rows = self.joints[k].rows()
-            places[k] = range(len(integers), len(integers) + len(rows[0]))
+            rows_of[k] = range(len(integers), len(integers) + len(rows[0]))
             integers += rows[0]
             numbers += rows[1]
         self.user_count = 0
@@ -231,7 +231,7 @@ class Linkage:
             self._g, self._dg = frame.constraints
             self.user_count = self._count()
         self.count = len(integers) + self.user_count
-        self.slices = [np.array(places[k], dtype=np.intp) for k in range(len(self.joints))]
+        self.slices = [np.array(rows_of[k], dtype=np.intp) for k in range(len(self.joints))]
         self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
         reader = self._evaluate  # the only reference of compiled code to this object
         blocks = describe_blocks(frame.compiled_blocks() or ())
@@ -439,7 +439,7 @@ class Linkage:
 
 
 def _rounding(size: Any, slope: float) -> Any:
-    """Return rounding errors of differences of values, and of points where they have slopes."""
+    """Return the rounding error of differences: of values, by size, and of points, by slope."""
     return _ROUNDING_FACTOR * float(np.finfo(float).eps) * (size + slope)
 
 
@@ -449,7 +449,7 @@ def _rows(points: Array) -> Array:
 
 
 def _padded(rows: Any, width: int, dtype: Any) -> NDArray[Any]:
-    """Return rows as columns of an array, and a column of zeros, since none may be empty."""
+    """Return rows as columns of an array, and a column of zeros, since no array may be empty."""
     return np.array([*rows, [0] * width], dtype=dtype).T
 
 

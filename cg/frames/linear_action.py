@@ -22,11 +22,11 @@ from cg.support.shared_numbers import BlockKind
 if TYPE_CHECKING:
     from scipy import sparse
 
-_HERMITIAN_PART = 1e-13  # largest one of skew-Hermitian generators, relative to their entries
+_HERMITIAN_PART = 1e-13  # largest part of skew-Hermitian generators, relative to their entries
 
 
 class _Entries(IntEnum):
-    """What compiled code stores of the entries of matrices."""
+    """The parts of the entries of matrices that compiled code stores."""
 
     REAL = 0
     IMAGINARY = 1
@@ -57,8 +57,8 @@ class LinearAction(CompiledFlow, UserFrame):
     Parameters
     ----------
     generators
-        Shape ``(n, n)``. The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are
-        ``-1j * H``.
+        Shape ``(n, n)``. The :math:`G_i`, sparse, dense or of QuTiP. A Hamiltonian H has the
+        generator ``-1j * H``.
     unitary
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.
@@ -158,17 +158,17 @@ class LinearAction(CompiledFlow, UserFrame):
             kind = _Entries.REAL
         elif not values.real.any():
             kind = _Entries.IMAGINARY
-        generator, place = np.nonzero(values)
-        terms, places = values[generator, place], place + 1
+        generator, entry = np.nonzero(values)
+        terms, indices = values[generator, entry], entry + 1
         if kind == _Entries.IMAGINARY:
             terms = terms.imag.copy()
         if kind == _Entries.COMPLEX:
-            places = np.stack([2 * place + 1, 2 * place + 2], axis=-1).reshape(-1)
+            indices = np.stack([2 * entry + 1, 2 * entry + 2], axis=-1).reshape(-1)
         n, rows, columns = pattern
-        starts = np.searchsorted(generator * n + rows[place], np.arange(self.dim * n + 1))
+        starts = np.searchsorted(generator * n + rows[entry], np.arange(self.dim * n + 1))
         sizes = n, self.dim, len(rows), len(generator), kind, self.is_skew
-        indices = pattern.starts + 1, columns + 1, starts + 1, columns[place] + 1, places
-        return np.concatenate([sizes, *indices, terms.view(np.float64)], dtype=np.float64)
+        tables = pattern.starts + 1, columns + 1, starts + 1, columns[entry] + 1, indices
+        return np.concatenate([sizes, *tables, terms.view(np.float64)], dtype=np.float64)
 
     @cached_property
     def is_skew(self) -> bool:
@@ -239,7 +239,7 @@ def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
 
 
 class Pattern(NamedTuple):
-    """The places of entries of square matrices, row by row."""
+    """A sparsity pattern: the rows and columns of the entries of square matrices, row by row."""
 
     size: int
     rows: NDArray[np.intp]
@@ -251,10 +251,10 @@ class Pattern(NamedTuple):
         return np.searchsorted(self.rows, np.arange(self.size + 1))
 
     def transposed(self) -> NDArray[np.intp] | None:
-        """Return the places of the transpose's entries, None if some lie elsewhere."""
-        place = np.lexsort((self.rows, self.columns))
-        same = np.array_equal(self.rows[place], self.columns)
-        return place if same and np.array_equal(self.columns[place], self.rows) else None
+        """Return the permutation of entries that transposes matrices, None without symmetry."""
+        order = np.lexsort((self.rows, self.columns))
+        same = np.array_equal(self.rows[order], self.columns)
+        return order if same and np.array_equal(self.columns[order], self.rows) else None
 
 
 def on_one_pattern(

@@ -244,9 +244,8 @@ def usable_or_zero(v: Array) -> Array:
 
 def norms(points: Points) -> Array:
     """Return the Euclidean norms of points, shape ``(count,)``."""
-    return np.asarray(
-        np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)
-    )
+    rows = points.reshape(len(points), math.prod(points.shape[1:]))
+    return np.asarray(np.linalg.norm(rows, axis=-1))
 
 
 def minimum_norm_coefficients(

@@ -49,8 +49,8 @@ def expm(matrix: Points, v: Array) -> Points:
         halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
         result = np.asarray(scipy.linalg.expm(matrix * np.ldexp(1.0, -halvings)[..., None, None]))
         for squarings in range(int(halvings.max(initial=0))):
-            rest = halvings > squarings
-            result[rest] = result[rest] @ result[rest]
+            unfinished = halvings > squarings
+            result[unfinished] = result[unfinished] @ result[unfinished]
         return result
 
 

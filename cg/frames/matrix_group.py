@@ -30,22 +30,22 @@ Part = tuple[Indices, Indices, NDArray[Any]]  # a row, a column and a value of e
 
 
 class Entries(NamedTuple):
-    """The number of each field, the place in its flat matrix, and the value."""
+    """The number of each field, the index in its flat matrix, and the value."""
 
     fields: Indices
-    places: Indices
+    indices: Indices
     values: NDArray[Any]
 
     def array(self, fields: int, rows: int) -> Points:
         """Return the matrices, shape ``(fields, rows, rows)``."""
         flat = np.zeros((fields, rows * rows), dtype=self.values.dtype)
-        np.add.at(flat, (self.fields, self.places), self.values)
+        np.add.at(flat, (self.fields, self.indices), self.values)
         return flat.reshape(fields, rows, rows)
 
     def sparse(self, fields: int, rows: int) -> scipy.sparse.csr_array:
         """Return the matrices as rows of a sparse array, shape ``(fields, rows**2)``."""
         flat = scipy.sparse.csr_array(
-            (self.values, (self.fields, self.places)), shape=(fields, rows * rows)
+            (self.values, (self.fields, self.indices)), shape=(fields, rows * rows)
         )
         flat.eliminate_zeros()
         return flat
@@ -54,8 +54,8 @@ class Entries(NamedTuple):
 def entries_of(rows: int, *parts: Part) -> Entries:
     """Return the entries of matrices that are sums of parts with one entry each."""
     fields = np.tile(np.arange(len(parts[0][0])), len(parts))
-    places = np.concatenate([row * rows + column for row, column, _ in parts])
-    return Entries(fields, places, np.concatenate([values for _, _, values in parts]))
+    indices = np.concatenate([row * rows + column for row, column, _ in parts])
+    return Entries(fields, indices, np.concatenate([values for _, _, values in parts]))
 
 
 def _real_rank(matrices: ArrayLike) -> int:
@@ -140,8 +140,8 @@ class MatrixGroup(Frame):
         if isinstance(basis, Entries):
             return basis
         flat = self.basis.reshape(self.dim, -1)
-        fields, places = np.nonzero(flat)
-        return Entries(fields, places, flat[fields, places])
+        fields, indices = np.nonzero(flat)
+        return Entries(fields, indices, flat[fields, indices])
 
     @property
     def point_shape(self) -> tuple[int, ...]:

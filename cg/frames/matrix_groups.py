@@ -119,8 +119,8 @@ class GL(SizedMatrixGroup):
         return self.n**2
 
     def _make_basis(self) -> Entries:
-        places = np.arange(self.n**2)
-        return Entries(places, places, np.ones(len(places)))
+        indices = np.arange(self.n**2)
+        return Entries(indices, indices, np.ones(len(indices)))
 
     def _project(self, y: Points) -> Points:
         # A singular matrix has no nearest invertible one.

@@ -164,7 +164,7 @@ class PhaseSpace(Product):
     def join(self, *parts: ArrayLike) -> Array:
         """Return the flat point, shape ``(..., n)``, of a configuration and a momentum.
 
-        Of momenta on spheres the component along the point is removed. With joints the
+        The component along the point is removed from momenta on spheres. With joints the
         configuration is moved to where they are closed, and momenta that would open them are
         removed.
 
@@ -213,8 +213,8 @@ class PhaseSpace(Product):
         derivatives G of the constraints g along the fields. The constraints of a ball, and the
         first three of other joints with a common point, are the coordinates of the first body's
         point less those of the second one's, so that these :math:`\lambda` are the force on the
-        first body in space axes. Those of a slider are its forces along the first two axes of the
-        first body, that of a distance is the force between the points, positive if it pushes. Other
+        first body in space axes. A slider has its forces along the first two axes of the first
+        body, a distance has the force between the points, positive if it pushes. Other
         constraints are cosines between axes: third and first, third and second of a hinge, both
         third ones of a universal joint, and first and second, second and third, third and first
         of others. Their :math:`\lambda` are torques on the first body about the vector product of
@@ -231,8 +231,8 @@ class PhaseSpace(Product):
         Returns
         -------
         tuple of ndarray
-            Those of each joint, shape ``(..., number of its constraints)``, then of constraints
-            of one's own if there are any. NaN where constraints depend on each other.
+            Multipliers of each joint, shape ``(..., number of its constraints)``, then of
+            constraints of one's own if there are any. NaN where constraints depend on each other.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class PhaseSpace(Product):
         point = np.broadcast_to(point, (*lead, *self.point_shape))
         linkage = linkage_of(self)
         values = linkage.forces(point, self._completed(force, point))[1]
-        return tuple(values[..., places] for places in linkage.slices)
+        return tuple(values[..., rows] for rows in linkage.slices)
 
     def tangential(self, y: Array, covector: Array) -> Array:
         """Return momenta or forces without the components along points of spheres."""

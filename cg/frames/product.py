@@ -135,12 +135,12 @@ class Product(Composite):
             raise ValueError("factors must hold at least one frame, got none")
         for index, factor in enumerate(factors):
             check_frame(factor, f"factors[{index}]")
-        places = _slices(map(real_size, factors))
+        slices = _slices(map(real_size, factors))
         kinds = [(factor.point_shape, factor.dtype.kind == "c") for factor in factors]
         vars(self).update(
-            factors=factors, _vector_slices=_slices(f.dim for f in factors), _point_slices=places,
-            _point_shape=(places[-1].stop,),
-            _parts=tuple((at, *kind) for at, kind in zip(places, kinds, strict=True)),
+            factors=factors, _vector_slices=_slices(f.dim for f in factors), _point_slices=slices,
+            _point_shape=(slices[-1].stop,),
+            _parts=tuple((entries, *kind) for entries, kind in zip(slices, kinds, strict=True)),
         )  # fmt: skip
 
     def __repr__(self) -> str:
@@ -194,8 +194,8 @@ class Product(Composite):
     def jointed(self) -> bool:
         return any(factor.jointed for factor in self.factors)
 
-    def _composed(self, path: Array) -> Array:
-        return self._joined("_composed", self._split_vector(path))
+    def _composed(self, flows: Array) -> Array:
+        return self._joined("_composed", self._split_vector(flows))
 
     def _each(self, method: str, *arguments: Iterable[Any], **options: Any) -> list[Any]:
         pairs = zip(self.factors, *arguments, strict=True)
@@ -228,15 +228,15 @@ class Product(Composite):
         return self._join_vectors([factor.random_vector(rng, size) for factor in self.factors])
 
     def _split_vector(self, vector: Array) -> list[Array]:
-        return [vector[..., place] for place in self._vector_slices]
+        return [vector[..., entries] for entries in self._vector_slices]
 
     def _join_vectors(self, vectors: list[Array]) -> Array:
         return np.concatenate(vectors, axis=-1)
 
     def _split(self, point: Array) -> tuple[Points, ...]:
         lead, points = point.shape[:-1], []
-        for place, shape, is_complex in self._parts:
-            entries = point[..., place]
+        for own, shape, is_complex in self._parts:
+            entries = point[..., own]
             if is_complex:
                 if entries.strides[-1] != entries.itemsize:
                     entries = np.ascontiguousarray(entries)
@@ -339,9 +339,9 @@ class Power(Composite):
     def jointed(self) -> bool:
         return self.factor.jointed
 
-    def _composed(self, path: Array) -> Array:
-        paths = self._split_vector(path).swapaxes(0, 1)
-        return np.concatenate([self.factor._composed(flows) for flows in paths])
+    def _composed(self, flows: Array) -> Array:
+        by_factor = self._split_vector(flows).swapaxes(0, 1)
+        return np.concatenate([self.factor._composed(own) for own in by_factor])
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, n, *factor.point_shape)``."""

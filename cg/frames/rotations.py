@@ -119,16 +119,16 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     # Right-hand sides convert a matrix at each stage; for many rows this is faster than products
     # with sparse matrices.
     @cached_property
-    def _places(self) -> tuple[Any, Any, Array]:
-        """The places of the entries of all coefficients below and above the diagonal, and signs."""
+    def _indices(self) -> tuple[Any, Any, Array]:
+        """The flat indices of each coefficient below and above the diagonal, and signs."""
         entries = self._make_basis()
-        below, above = entries.places.reshape(2, -1)
+        below, above = entries.indices.reshape(2, -1)
         return below, above, entries.values[: self.dim]
 
     def _combine(self, v: Array) -> Points:
         if self.n <= MAX_DENSE:
             return super()._combine(v)
-        below, above, signs = self._places
+        below, above, signs = self._indices
         flat = np.zeros((*v.shape[:-1], self.n**2))
         flat[..., below] = signs * v
         flat[..., above] = -signs * v
@@ -137,7 +137,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     def _algebra_projection(self, matrices: Points) -> Array:
         if self.n <= MAX_DENSE:
             return super()._algebra_projection(matrices)
-        below, above, signs = self._places
+        below, above, signs = self._indices
         flat = matrices.reshape(*matrices.shape[:-2], self.n**2)
         return np.asarray(0.5 * signs * (flat.take(below, -1) - flat.take(above, -1)))
 

@@ -85,11 +85,11 @@ class Semidirect(MatrixGroup):
     def _make_basis(self) -> Entries:
         n, size = self.group.size, self.size
         linear = self.group._entries()
-        row, column = np.divmod(linear.places, n)
+        row, column = np.divmod(linear.indices, n)
         moves = np.arange(n * self.copies)
-        places = np.concatenate([row * size + column, moves % n * size + n + moves // n])
+        indices = np.concatenate([row * size + column, moves % n * size + n + moves // n])
         fields = np.concatenate([linear.fields, self.group.dim + moves])
-        return Entries(fields, places, np.concatenate([linear.values, np.ones(len(moves))]))
+        return Entries(fields, indices, np.concatenate([linear.values, np.ones(len(moves))]))
 
     def _linear_and_columns(self, point: Array) -> tuple[Array, Array]:
         n = self.group.size

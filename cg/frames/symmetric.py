@@ -62,10 +62,6 @@ class SPD(SizedFrame, ConjugationSpace):
         """The invertible matrices."""
         return GL(self.n, "space")
 
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        return (self.n, self.n)
-
     def restore(self, y: Points) -> Points:
         """Return the symmetric part of ``y``."""
         return np.asarray(0.5 * (y + y.mT))
@@ -138,10 +134,6 @@ class Orbit(ConjugationSpace):
     @property
     @abstractmethod
     def _eigenvalues(self) -> Array: ...
-
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        return self.group.point_shape
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.

@@ -69,9 +69,9 @@ class UserFrame(Frame):
         function = self._functions.get(name)
         if function is None:
             return None
-        rank = len(self.point_shape)
+        axes = len(self.point_shape)
         dtype = self.dtype if name in ("restore", "project") else np.float64
-        return self._call(name, function, [(p, rank) for p in points], shape, dtype)
+        return self._call(name, function, [(p, axes) for p in points], shape, dtype)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after the user's ``restore``, if there is one."""
@@ -183,10 +183,8 @@ class FieldFrame(UserFrame):
         functions = tuple(fields)
         if not functions:
             raise ValueError("fields must hold at least one function, got none")
-        for name, value in [
-            *((f"fields[{i}]", f) for i, f in enumerate(functions)),
-            ("flow", flow),
-        ]:
+        named = {f"fields[{i}]": function for i, function in enumerate(functions)}
+        for name, value in {**named, "flow": flow}.items():
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
         lengths = point_shape if np.iterable(point_shape) else (point_shape,)
@@ -232,12 +230,12 @@ class FieldFrame(UserFrame):
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         vector, point = self._arguments(v, y)
-        rank = len(self._point_shape)
+        axes = len(self._point_shape)
         tangent = np.zeros((), dtype=self.dtype)
         for i, function in enumerate(self._fields):
-            arguments = [(point, rank)]
+            arguments = [(point, axes)]
             value = self._call(f"fields[{i}]", function, arguments, self.point_shape, self.dtype)
-            coefficient = vector[..., i].reshape(vector.shape[:-1] + (1,) * rank)
+            coefficient = vector[..., i].reshape(vector.shape[:-1] + (1,) * axes)
             tangent = tangent + coefficient * value
         return tangent
 

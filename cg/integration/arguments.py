@@ -53,11 +53,11 @@ def check_times(name: str, value: Any, where: str, start: float, stop: float) ->
         raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
     increases = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
     if not increases.all():
-        place = int(np.argmin(increases))
-        before, got = texts_of(*times[place : place + 2])
+        index = int(np.argmin(increases))
+        before, got = texts_of(*times[index : index + 2])
         raise ValueError(
             f"{name} must be strictly sorted in the direction of integration, got {got} after "
-            f"{before} at [{place + 1}]"
+            f"{before} at [{index + 1}]"
         )
     return inside
 
@@ -89,8 +89,8 @@ def check_rtol(rtol: Any) -> Array:
         return np.array(rtol)
     tolerances = check_tolerances("rtol", rtol)
     if tolerances.min() < _MIN_RTOL:
-        which = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
-        warn_user(f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}")
+        label = f"rtol = {tolerances:g}" if tolerances.ndim == 0 else "At least one element of rtol"
+        warn_user(f"{label} is too small to be attained and is raised to {_MIN_RTOL:.3g}")
     return np.maximum(tolerances, _MIN_RTOL)
 
 
@@ -98,8 +98,8 @@ def check_tolerances(name: str, value: Any) -> Array:
     """Return one or several tolerances after checking them."""
     if type(value) is float and 0.0 <= value < math.inf:
         return np.array(value)
-    many = hasattr(value, "__len__") and not isinstance(value, str)
-    tolerances = real_array(value if many else check_number(name, value), name)
+    several = hasattr(value, "__len__") and not isinstance(value, str)
+    tolerances = real_array(value if several else check_number(name, value), name)
     if not tolerances.size or not ((tolerances >= 0.0) & (tolerances < math.inf)).all():
         raise ValueError(f"{name} must be finite and not negative, got {short(value)}")
     return tolerances
@@ -126,7 +126,7 @@ def read_initial_members(
 ) -> tuple[Points, Array | None]:
     """Return initial points and their parameters as new arrays, after checking them.
 
-    Of an ``ensemble`` both may have a leading axis of members; a single point serves all rows of
+    For an ``ensemble`` both may have a leading axis of members; a single point serves all rows of
     parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
     points = read_starts(plan, y0, ensemble)
@@ -157,7 +157,7 @@ def read_points(frame: Frame, y0: ArrayLike, name: str = "y0") -> Points:
 
 
 def read_starts(plan: Plan, y0: ArrayLike, ensemble: bool, name: str = "y0") -> Points:
-    """Return points of members as a new array, of a single one by default, after checking them."""
+    """Return the points of an ensemble, or a single one, as a new array after checking them."""
     frame, shape = plan.frame, plan.point_shape
     if plan.compiled and is_array(y0, plan.dtype):
         points = y0.copy()
@@ -165,15 +165,15 @@ def read_starts(plan: Plan, y0: ArrayLike, ensemble: bool, name: str = "y0") -> 
         points = read_points(frame, y0, name)
     if points.shape == shape and plan.surely_on_manifold(points):
         return points[None]
-    rank = len(shape)
-    batch = points.shape[: max(points.ndim - rank, 0)]
-    if batch and points.shape[len(batch) :] == shape:
+    axes = len(shape)
+    lead = points.shape[: max(points.ndim - axes, 0)]
+    if lead and points.shape[len(lead) :] == shape:
         if not ensemble:
             raise ValueError(
                 f"{name} must have shape {shape}, got {points.shape}; cg.solve_ensemble "
                 "integrates many points"
             )
-        if len(batch) != 1:
+        if len(lead) != 1:
             raise ValueError(f"{name} must have one axis before shape {shape}, got {points.shape}")
         if points.size == 0:
             raise ValueError(f"{name} must hold at least one point, got shape {points.shape}")

@@ -18,12 +18,12 @@ from cg.integration.problem import DERIVATIVE_OPTIONS, Problem, make_problem
 from cg.integration.rhs.function import Function
 from cg.integration.run.drive import Progress
 from cg.support.checks import warn_user
+from cg.support.frozen import changed
 from cg.support.parallel import check_executor, completed, count_workers, single_threads
-from cg.support.records import changed
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
-_CHUNKS_PER_WORKER = 16  # so that all workers end at about the same time
-_BATCHES_PER_WORKER = 4  # large ones, which make a vectorized function faster
+_CHUNKS_PER_WORKER = 16  # many chunks, so that all workers end at about the same time
+_BATCHES_PER_WORKER = 4  # chunks for a vectorized function, which is faster with many members
 
 
 @expand_options()
@@ -115,9 +115,7 @@ def solve_ensemble(
     >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
-    all_options = complete_options(solve_ensemble, options)
-    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
-    return solve_members(problem, all_options)
+    return solve_members(solve_ensemble, f, t_span, y0, frame, options)
 
 
 @expand_options(linear=True)
@@ -152,9 +150,7 @@ def solve_linear_ensemble(
     >>> abs(solution.y[-1, :, 1, 0]).round(6)
     array([1.     , 0.56264])
     """
-    all_options = complete_options(solve_linear_ensemble, options)
-    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
-    return solve_members(problem, all_options)
+    return solve_members(solve_linear_ensemble, f, t_span, y0, frame, options)
 
 
 @expand_options(derivatives="forward")
@@ -185,25 +181,27 @@ def solve_variational_ensemble(
     >>> solution.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    all_options = complete_options(solve_variational_ensemble, options)
-    problem = make_problem(f, t_span, y0, frame, all_options, ensemble=True)
-    return solve_members(problem, all_options)
+    return solve_members(solve_variational_ensemble, f, t_span, y0, frame, options)
 
 
-def solve_members(problem: Problem, options: EnsembleOptions) -> EnsembleSolution:
-    """Integrate the members of an ensemble."""
+def solve_members(
+    function: Any, f: Function, t_span: Sequence[float], y0: ArrayLike, frame: Frame,
+    given_options: EnsembleOptions,
+) -> EnsembleSolution:  # fmt: skip
+    """Integrate the members of an ensemble for a ``function`` of this module."""
+    options = complete_options(function, given_options)
     executor, workers, out = options["executor"], options["workers"], options["out"]
     # Derivatives are added to the whole problem, or, where each member has a problem of its own, to
     # each part, by `part_options`: then the problem with derivatives of all only collects results.
     part_options: Any = None
-    whole = problem
-    problem = add_derivatives(problem, options)
+    whole = make_problem(f, t_span, y0, frame, options, ensemble=True)
+    problem = add_derivatives(whole, options)
     if whole.one_by_one and problem is not whole:
         problem = changed(problem, inertia=None)
-        # options sent with each part; covariances come from the collected derivatives of all
+        # covariances are computed from the collected derivatives, and not by the parts
         names = "derivatives", "jac", *DERIVATIVE_OPTIONS
-        chosen = {name: value for name, value in options.items() if name in names}
-        part_options = chosen | {"P0": None}
+        part_options = {name: value for name, value in options.items() if name in names}
+        part_options["P0"] = None
     else:
         whole = problem
     members = len(problem.points)
@@ -243,10 +241,10 @@ def _distribute(
     problem: Problem, options: Any, executor: Any, workers: Any, collector: Collector,
     watch: Progress,
 ) -> None:  # fmt: skip
-    """Integrate members on an executor, in chunks that no measured time changes."""
-    members, number = len(problem.points), count_workers(executor, workers)
-    number *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
-    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // number)))
+    """Integrate members on an executor, in chunks whose sizes depend on no measured time."""
+    members, chunk_count = len(problem.points), count_workers(executor, workers)
+    chunk_count *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
+    size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // chunk_count)))
     chunks = (slice(first, min(first + size, members)) for first in range(0, members, size))
     items = ((chunk, problem.part(chunk)) for chunk in chunks)
     work = partial(_integrate_part, options)

@@ -14,7 +14,7 @@ class ConvergenceError(RuntimeError):
     Attributes
     ----------
     reason
-        What ended the iteration.
+        The reason for which the iteration ended.
     iterations
         Iterations that were made.
     residual
@@ -99,6 +99,6 @@ class StepTooLongError(ArithmeticError):
 
 def failed_members(failures: dict[int, str], total: int) -> str:
     """Return the message for members of an ensemble that ended early."""
-    first = min(failures)
-    why = failures[first].removesuffix(".")
-    return f"Failure of {len(failures)} of {total} trajectories; of y0[{first}]: {why}."
+    member = min(failures)
+    reason = failures[member].removesuffix(".")
+    return f"Failure of {len(failures)} of {total} trajectories; of y0[{member}]: {reason}."

@@ -82,7 +82,7 @@ def solve_ivp(
     dense_output
         Whether to return a continuous solution. It is as accurate as the steps, as output at
         ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.
-        That of ``"RadauIIA5"`` has order three only.
+        The continuous solution of ``"RadauIIA5"`` has order three only.
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
         found along the continuous solution. A zero at the initial point is no event. With
@@ -130,8 +130,8 @@ def solve_ivp(
     jac
         ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
         ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
-        zero. It may return a sparse matrix of SciPy, or be the matrix itself if it is constant. It
-        may be compiled as ``f`` may; it writes its rows one after the other.
+        zero. It may return a sparse matrix of SciPy. A constant matrix may be given in place of the
+        function. A compiled ``jac`` writes the rows one after the other.
 
         By default ``"RadauIIA5"`` takes differences, with ``dim`` evaluations of ``f``. With
         ``derivatives`` it serves for these, with any method, and by default they are central
@@ -217,6 +217,9 @@ def solve_ivp(
         With fixed steps, if the iteration for implicit stages doesn't converge.
     StepTooLongError
         With fixed steps, if a step of a method on a Lie algebra is too long for dexp⁻¹.
+    ArithmeticError
+        With fixed steps, if joints of a phase space can't be kept closed: a step is too long, or
+        constraints depend on each other.
 
     Warns
     -----

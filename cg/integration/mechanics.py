@@ -1,7 +1,7 @@
-"""Thermostats, step functions and inertia of members; and the refusal of friction.
+"""Arguments for mechanical systems: thermostats, step functions, inertia of members, friction.
 
-They are for splitting methods and phase spaces. Friction shows as forces that differ for two
-momenta at one position: `refuse_friction` compares them at a sample of points, outside the counts.
+Splitting methods refuse friction. `refuse_friction` recognises it by forces that differ for two
+momenta at one position, at a sample of points. Its evaluations of ``f`` aren't counted.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from cg.support.arrays import Array, Points
 from cg.support.checks import short
 from cg.tables import Kind, MethodTable
 
-_MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # points at which forces are compared
-_CALLS_PER_CHECK = 40  # evaluations of an integration for each call of a comparison
+_MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # number of points at which forces are compared
+_CALLS_PER_CHECK = 40  # evaluations of f by an integration for each evaluation by a comparison
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
-_PART_OF_STEP = 0.37  # after which a function of time that repeats with h has another value
+_PART_OF_STEP = 0.37  # later by this part of h, also a function with the period h has changed
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
@@ -39,14 +39,14 @@ def refuse_friction(
 ) -> None:  # fmt: skip
     """Raise ValueError if a force of a splitting method is friction, at a sample of points.
 
-    Points have the shape ``(times, members, *point_shape)``. Those of a solution are fewer if it
-    took few calls, ``nfev`` in sum. Exceptions of ``f`` are left to the integration.
+    Points have the shape ``(times, members, *point_shape)``. The sample is small if an integration
+    took few evaluations, ``nfev`` in sum. Exceptions of ``f`` are left to the integration.
     """
     if plan.table.kind is not Kind.SPLITTING or not isinstance(plan.frame, PhaseSpace):
         return
     count = len(times) * points.shape[1]
-    limit = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
-    sample = np.linspace(0, count - 1, min(count, limit)).round().astype(np.intp)  # with both ends
+    size = max(_MIN_SAMPLE, min(_MAX_SAMPLE, int(np.sum(nfev)) // (2 * _CALLS_PER_CHECK)))
+    sample = np.linspace(0, count - 1, min(count, size)).round().astype(np.intp)  # with both ends
     k, members = np.divmod(sample, points.shape[1])
     reached = np.isfinite(points[k, members]).all(axis=-1)  # not those after an early end
     k, members = k[reached], members[reached]
@@ -60,11 +60,12 @@ def refuse_friction(
     differ &= ~(np.isnan(forces) & np.isnan(others))
     if differ.any():
         i = int(np.flatnonzero(differ.any(axis=-1))[0])
-        which = "" if rhs.extra.first is None else f" in member {rhs.extra.first + members[i]}"
+        first = rhs.extra.first_member
+        in_member = "" if first is None else f" in member {first + members[i]}"
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
-            f"symplectic then, got other forces for another momentum at t = {t[i]:.17g}{which}; "
-            "adaptive methods, the default among them, take friction"
+            "symplectic then, got other forces for another momentum at t = "
+            f"{t[i]:.17g}{in_member}; adaptive methods, the default among them, take friction"
         )
 
 
@@ -78,9 +79,9 @@ def _shifted(frame: PhaseSpace, y: Points) -> Points:
 def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     """Return the results of ``f`` for several members, in one call if it is vectorized."""
     if isinstance(rhs, PythonRhs) and rhs.vectorized:
-        return np.array(rhs.answers(t.copy(), members, y.copy()))
+        return np.array(rhs.results(t.copy(), members, y.copy()))
     calls = zip(members.tolist(), t.tolist(), y, strict=True)
-    return np.array([rhs.answer(member, time, point) for member, time, point in calls])
+    return np.array([rhs.result(member, time, point) for member, time, point in calls])
 
 
 def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) -> None:
@@ -154,14 +155,14 @@ def read_member_inertia(
 ) -> MemberInertia:
     """Return the bodies of each member, in place of those of the frame, after checking them.
 
-    A single member takes any number of them.
+    With ``members`` = 1 the number of entries is the number of members.
     """
     if not isinstance(frame, PhaseSpace):
         raise ValueError(f"inertia must be None unless frame is a phase space, got {short(value)}")
     one_by_one = bool(options["derivatives"]) or frame.jointed
     if one_by_one and options["common_steps"]:
-        what = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
-        raise ValueError(f"common_steps must be False with inertia and {what}")
+        reason = "joints" if frame.jointed else f"derivatives={options['derivatives']!r}"
+        raise ValueError(f"common_steps must be False with inertia and {reason}")
     entries = value if isinstance(value, list | tuple) else list(np.atleast_1d(value))
     if not entries or members not in (1, len(entries)):
         raise ValueError(
@@ -172,10 +173,10 @@ def read_member_inertia(
         _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
         columns.append([body.signed_columns for body in bodies])
         rows.append(constants_of_bodies(bodies))
-    numbers = np.zeros((len(rows), max(map(len, rows))))
-    for padded, row in zip(numbers, rows, strict=True):
+    constants = np.zeros((len(rows), max(map(len, rows))))
+    for padded, row in zip(constants, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), numbers, entries, one_by_one)
+    return MemberInertia(np.array(columns, dtype=np.intc), constants, entries, one_by_one)
 
 
 def step_function_of(
@@ -201,17 +202,17 @@ def step_function_of(
         )
     if rhs.extra.inputs is not None:
         function = WithInput(function)
-    checked = StepFunction(function, plan.frame, (), True)
+    observer = StepFunction(function, plan.frame, (), True)
 
     def size_at(time: float, point: Points) -> Array:
-        return checked.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
+        return observer.check(function(time, point.copy(), *rhs.extra.arguments(0)), time, point)
 
     h = options["h"]
     assert isinstance(plan.frame, PhaseSpace)
     assert h is not None
     later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * h
     _check_reversible(size_at, plan.frame, t, later, y)
-    return checked
+    return observer
 
 
 def _check_reversible(
@@ -219,10 +220,10 @@ def _check_reversible(
 ) -> None:
     """Raise ValueError if sizes of steps depend on the momentum or the time."""
     size = size_at(t, y)
-    for what, time, point in (("momentum", t, _shifted(frame, y)), ("time", later, y)):
+    for quantity, time, point in (("momentum", t, _shifted(frame, y)), ("time", later, y)):
         other = size_at(time, point)
         if not abs(other - size) <= _SIZES_ROUNDING * abs(size):
             raise ValueError(
                 "step_function must depend on the configuration alone, or steps can't be "
-                f"reversed, got {size:.17g} and for another {what} {other:.17g} at t = {t:.17g}"
+                f"reversed, got {size:.17g} and for another {quantity} {other:.17g} at t = {t:.17g}"
             )

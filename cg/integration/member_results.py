@@ -19,7 +19,7 @@ from cg.integration.output.solutions import (
 )
 from cg.integration.problem import Problem
 from cg.support.arrays import Array, Points
-from cg.support.records import filled
+from cg.support.frozen import filled
 from cg.support.shared_records import COUNTS
 
 
@@ -34,7 +34,7 @@ class MemberResults(NamedTuple):
     counts: Any  # shape (members, 6)
     messages: dict[int, str]  # by member, where the status isn't 0
     interpolants: Interpolants | None
-    events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
+    events: tuple[Any, Array, Points] | None  # see `Run.events`
     warnings: list[str]
 
 
@@ -52,9 +52,9 @@ class Collector:
             if problem.observer is not None and not problem.keeps_points:
                 shape, dtype = (self.members, *problem.observer.shape), np.dtype(np.float64)
             _check_out(out, (len(problem.t_eval), *shape), dtype)
-        self._marks: dict[int, tuple[Array, Points]] = {}  # times and points of events, by member
+        self._jumps: dict[int, tuple[Array, Points]] = {}  # times and points after jumps
         self._outputs: dict[int, DenseOutput] = {}
-        if problem.events is not None:  # by event and member, with points before and after
+        if problem.events is not None:  # lists by event and member, points on both sides of jumps
             count = len(problem.events)
             self._times: list[Any] = [[None] * self.members for _ in range(count)]
             self._points: list[Any] = [[None] * self.members for _ in range(count)]
@@ -87,7 +87,7 @@ class Collector:
                 interpolants = results.interpolants.member(k - members.start)
                 if problem.inertia is not None:
                     interpolants = replace(interpolants, plan=problem.inertia.plan(k, problem.plan))
-                self._outputs[k] = DenseOutput(interpolants, *start, point, self._marks.get(k))
+                self._outputs[k] = DenseOutput(interpolants, *start, point, self._jumps.get(k))
         if self.out is None and len(results.status) == self.members:
             self._all = results
             return
@@ -104,15 +104,15 @@ class Collector:
         """Add the events of some members."""
         assert results.events is not None
         assert self.problem.events is not None
-        places, t, y = results.events
+        indices, t, y = results.events
         members, count = len(results.status), len(self.problem.events)
         if self.problem.dense_output:
-            after = (_by_key(places[:, 0], values, members) for values in (t, y[:, 1]))
-            self._marks.update(enumerate(zip(*after, strict=True), first))
+            after = (_by_key(indices[:, 0], values, members) for values in (t, y[:, 1]))
+            self._jumps.update(enumerate(zip(*after, strict=True), first))
         for lists, values in ((self._times, t), (self._points, y)):
-            arrays = split_events(places, values, members, count)
-            for row, of_members in zip(lists, arrays, strict=True):
-                row[first : first + members] = of_members
+            arrays = split_events(indices, values, members, count)
+            for row, of_event in zip(lists, arrays, strict=True):
+                row[first : first + members] = of_event
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
@@ -153,9 +153,9 @@ class Collector:
         return solution if problem.finish is None else problem.finish(problem, solution)
 
 
-def split_events(places: Any, values: Array, members: int, events: int) -> list[list[Array]]:
-    """Return for each event the values of each member; a row of ``places`` is (member, event)."""
-    rows = _by_key(members * places[:, 1] + places[:, 0], values, members * events)
+def split_events(indices: Any, values: Array, members: int, events: int) -> list[list[Array]]:
+    """Return for each event the values of each member; a row of ``indices`` is (member, event)."""
+    rows = _by_key(members * indices[:, 1] + indices[:, 0], values, members * events)
     return [rows[members * i : members * (i + 1)] for i in range(events)]
 
 

@@ -87,8 +87,8 @@ _DEFAULTS: dict[str, Any] = {
     "method": AUTO,
     "rhs": "coefficients",
     "max_step": math.inf,
-    # It takes fewer evaluations on the free rigid body at all step sizes: 9 instead of 11 in a step
-    # where fixed-point corrections decrease by a factor of 20, 13 instead of 18 where by 5.
+    # Newton's method takes fewer evaluations on the free rigid body than the fixed-point iteration:
+    # 9 instead of 11 in a step whose corrections decrease by a factor of 20, 13 instead of 18 by 5.
     "stage_solver": "newton",
     "store": "all",
 }
@@ -106,10 +106,10 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
         hint = _HINTS.get(wrong) or similar_names(wrong, names)
         hint = hint or f"; the options are {', '.join(names)}"
         raise TypeError(f"{caller}() got an unexpected keyword argument {wrong!r}{hint}")
-    values: Any = options
+    given: Any = options
     for name in function.required:
-        if name in options and (values[name] is None or values[name] is False):
-            raise ValueError(f"{name} must not be {values[name]} in {function.__qualname__}")
+        if name in options and (given[name] is None or given[name] is False):
+            raise ValueError(f"{name} must not be {given[name]} in {function.__qualname__}")
     complete: Any = function.complete.copy()
     complete.update(options)
     for name in options:
@@ -121,7 +121,7 @@ def complete_options(function: Any, options: StepOptions) -> EnsembleOptions:
 def expand_options(**defaults: Any) -> Callable[[Decorated], Decorated]:
     """Show the options one by one in the signature of a function that takes ``**options``.
 
-    ``defaults`` are those of the function that differ from the others'.
+    ``defaults`` are the defaults of this function that differ from `_DEFAULTS`.
     """
 
     def expand(function: Decorated) -> Decorated:
@@ -129,8 +129,8 @@ def expand_options(**defaults: Any) -> Callable[[Decorated], Decorated]:
         *parameters, unpacked = signature.parameters.values()
         kind = next(kind for kind in _KINDS if unpacked.annotation == f"Unpack[{kind.__name__}]")
         options = {name: _DEFAULTS[name] for name in kind.__annotations__} | defaults
-        place = [parameter.name for parameter in parameters].index("frame") + 1
-        parameters[place:place] = [
+        index = [parameter.name for parameter in parameters].index("frame") + 1
+        parameters[index:index] = [
             inspect.Parameter(
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
@@ -141,7 +141,7 @@ def expand_options(**defaults: Any) -> Callable[[Decorated], Decorated]:
         ]
         changed: Any = function
         changed.options, changed.required = options, set(defaults)
-        changed.complete = _DEFAULTS | options  # with those of other functions
+        changed.complete = _DEFAULTS | options  # with options of other functions
         changed.__signature__ = signature.replace(parameters=parameters)
         # a misspelt keyword gets its better message before a missing frame gets one
         changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}

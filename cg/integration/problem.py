@@ -43,12 +43,11 @@ from cg.integration.rhs.inputs import (
     check_abscissae,
     check_inputs,
     check_member_inputs,
-    stops_and_limits,
 )
 from cg.integration.rhs.python import PythonRhs, Rhs
 from cg.support.arrays import Array, Points, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short, warn_user
-from cg.support.records import changed, filled
+from cg.support.frozen import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
@@ -56,10 +55,9 @@ DERIVATIVE_OPTIONS = "df_dp", "derivatives_by", "P0", "noise", "control_derivati
 
 
 class Control(NamedTuple):
-    """The step size control.
+    """The step size control; by default that of equal steps.
 
-    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
-    method by the tolerances.
+    Equal steps have tolerances too, by which a collocation method scales Newton's corrections.
     """
 
     h: float | None  # size of equal steps, None for adaptive steps
@@ -87,17 +85,17 @@ class Problem:
     jacobian: Jacobian | None  # for Newton's method, None for differences
     events: Any  # an `EventTable`, or `VariationalEvents` of points with derivatives, or None
     # members
-    points: Points  # the initial ones, shape (members, *point_shape)
+    points: Points  # initial points, shape (members, *point_shape)
     ensemble: bool  # whether it has members, even one
     common_steps: bool  # whether all members take the same steps
-    first_member: int = 0  # its number in the ensemble
-    inertia: MemberInertia | None = None  # None if all members have that of the frame
+    first_member: int = 0  # number of the first of these members in the ensemble
+    inertia: MemberInertia | None = None  # None if all members have the inertia of the frame
     # inputs of each member, if each has its own sample times; their corners are added by `part`
     member_inputs: tuple[Inputs, ...] = ()
     # times and steps
     t0: float
     stops: Array  # breakpoints, then the final time
-    limits: Array  # rows (t, limit), as in `RECORD`
+    limits: Array  # rows (t, limit): steps from t to the next row are at most limit long
     control: Control
     stage_solver: str
     step_function: Observer | None = None  # how steps vary, None for equal or adaptive ones
@@ -142,15 +140,17 @@ class Problem:
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
         first, plan, events, extra = members.start, self.plan, self.events, self.rhs.extra
-        stops, limits, inputs, numbers = self.stops, self.limits, extra.inputs, extra.parameters
+        stops, limits, inputs, parameters = self.stops, self.limits, extra.inputs, extra.parameters
         inertia = self.inertia and self.inertia.part(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]
-            stops, limits = stops_and_limits(inputs, stops, self.t0, self.control.tolerance)
+            tolerance = self.control.tolerance
+            stops, limits = inputs.add_stops(stops, self.t0, tolerance), inputs.limits(tolerance)
         elif inputs is not None:
             inputs = inputs.part(members)
-        numbers = None if numbers is None else numbers[members]
-        rhs = self.rhs.with_data(extra._replace(parameters=numbers, inputs=inputs, first=first))
+        parameters = None if parameters is None else parameters[members]
+        extra = extra._replace(parameters=parameters, inputs=inputs, first_member=first)
+        rhs = self.rhs.with_data(extra)
         if inertia is not None and inertia.one_by_one:
             plan, inertia = inertia.plan(0, plan), None
             rhs, events = rhs.on_form(plan.form), events and events.on_frame(plan.frame)
@@ -172,8 +172,8 @@ def _make_rhs(
     ensemble: bool,
 ) -> Rhs:  # fmt: skip
     """Return the right-hand side after checking ``f`` and args."""
-    args, first = arguments.check_args(options["args"]), 0 if ensemble else None
-    extra = ExtraArguments(args, parameters, inputs, first)
+    args = arguments.check_args(options["args"])
+    extra = ExtraArguments(args, parameters, inputs, first_member=0 if ensemble else None)
     linear = options["linear"]
     compiled = None if isinstance(f, FunctionType) else compiled_rhs(f)
     if compiled is None:
@@ -185,9 +185,9 @@ def _make_rhs(
             f = WithInput(f)
         return PythonRhs(f, plan.form, extra, options["vectorized"])
     if options["vectorized"]:
-        what = "time" if linear else "point"
-        raise ValueError(f"vectorized must be False for a compiled f, which takes one {what}")
-    return compiled.on(plan.form, extra)
+        argument = "time" if linear else "point"
+        raise ValueError(f"vectorized must be False for a compiled f, which takes one {argument}")
+    return compiled.on_form(plan.form).with_data(extra)
 
 
 def _make_control(
@@ -239,7 +239,7 @@ def _check_pair(plan: Plan, options: EnsembleOptions) -> None:
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    # one flow along a polynomial has another estimate than that of the method
+    # a step by one flow along a polynomial has another error estimate than the method
     _warn(plan.table, pair=plan.step_table is plan.table)
 
 
@@ -253,12 +253,12 @@ def _read_tolerances(
         atol = arguments.check_tolerances("atol", options["atol"])
     if rtol.ndim == atol.ndim == 0:
         return rtol, atol
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if value.shape not in ((), shape):
-            what = "coordinate" if in_coordinates else "entry"
+    for name, tolerance in (("rtol", rtol), ("atol", atol)):
+        if tolerance.shape not in ((), shape):
+            unit = "coordinate" if in_coordinates else "entry"
             raise ValueError(
-                f"{name} must be a number or have shape {shape}, one number a {what}, "
-                f"got {value.shape}"
+                f"{name} must be a number or have shape {shape}, one number a {unit}, "
+                f"got {tolerance.shape}"
             )
     return np.full(shape, rtol), np.full(shape, atol)
 
@@ -277,7 +277,7 @@ def _check_rhs(
 ) -> None:
     """Raise ValueError if forces are friction, or f of a ``linear`` equation reads its point.
 
-    ``points`` are the initial ones; forces at the final time are compared there too.
+    ``points`` are the initial points, at which forces at the final time are compared too.
     """
     if plan.table.kind is Kind.SPLITTING:
         for time in {start, stop}:  # a friction may vanish at the start
@@ -334,7 +334,7 @@ def _checked_method(
 
 
 def _count_members(inputs: Any) -> int:
-    """Return how many members inputs are for that haven't been checked yet, by default one."""
+    """Return the number of members that unchecked inputs are for, by default one."""
     if isinstance(inputs, list):
         return max(len(inputs), 1)
     curves = inputs if isinstance(inputs, tuple) else (inputs,)
@@ -406,7 +406,7 @@ def _read_members(
     frame, inputs, inertia = plan.frame, options["inputs"], None
     if options["inertia"] is not None and frame.jointed:
         return _read_jointed_members(plan, options, y0)
-    points, numbers = arguments.read_initial_members(plan, y0, options["parameters"], ensemble)
+    points, parameters = arguments.read_initial_members(plan, y0, options["parameters"], ensemble)
     if frame.jointed and isinstance(frame, PhaseSpace):
         frame.check_rank(points[0], "y0")
     members = len(points)
@@ -417,31 +417,33 @@ def _read_members(
         members = len(inertia.signed_columns)
     if members > len(points):  # a single point serves all of them
         points = np.repeat(points, members, axis=0)
-        if numbers is not None:
-            numbers = read_only(np.repeat(numbers, members, axis=0))
-    return points, numbers, inertia
+        if parameters is not None:
+            parameters = read_only(np.repeat(parameters, members, axis=0))
+    return points, parameters, inertia
 
 
 def _read_jointed_members(
     plan: Plan, options: EnsembleOptions, y0: ArrayLike
 ) -> tuple[Points, Array | None, MemberInertia]:
-    """Return points, parameters and inertia of members with joints, which own momenta satisfy."""
-    rows = np.atleast_2d(plan.frame._points(arguments.read_points(plan.frame, y0), "y0"))
-    if rows.ndim > 2:
-        raise ValueError(f"y0 must have at most one axis of members, got shape {rows.shape}")
-    inertia = read_member_inertia(options["inertia"], plan.frame, options, len(rows))
+    """Return points, parameters and inertia of members with joints.
+
+    Joints constrain velocities, so that the inertia of a member decides which momenta it may have.
+    """
+    starts = np.atleast_2d(plan.frame._points(arguments.read_points(plan.frame, y0), "y0"))
+    if starts.ndim > 2:
+        raise ValueError(f"y0 must have at most one axis of members, got shape {starts.shape}")
+    inertia = read_member_inertia(options["inertia"], plan.frame, options, len(starts))
     members = len(inertia.signed_columns)
     points = []
-    for k, y in enumerate(np.broadcast_to(rows, (members, *plan.point_shape))):
+    for k, y in enumerate(np.broadcast_to(starts, (members, *plan.point_shape))):
         member_plan: Any = inertia.plan(k, plan)
-        name = f"y0[{k}]" if len(rows) > 1 else "y0"
+        name = f"y0[{k}]" if len(starts) > 1 else "y0"
         points.append(arguments.read_starts(member_plan, y, False, name)[0])
         member_plan.frame.check_rank(points[-1], name)
-    first = inertia.plan(0, plan)
-    _, numbers = arguments.read_initial_members(
-        first, np.array([points[0]] * members), options["parameters"], True
+    _, parameters = arguments.read_initial_members(
+        inertia.plan(0, plan), np.array([points[0]] * members), options["parameters"], True
     )
-    return np.array(points), numbers, inertia
+    return np.array(points), parameters, inertia
 
 
 def _read_inputs(
@@ -525,14 +527,14 @@ def make_problem(
     _check_choices(options, ensemble)
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
-    points, numbers, inertia = _read_members(plan, options, y0, ensemble)
+    points, parameters, inertia = _read_members(plan, options, y0, ensemble)
     start, stop = arguments.check_span(t_span)
     if options["thermostat"] is not None:
         check_heated_span(options["thermostat"], start, stop)
         check_thermostat(options["thermostat"], plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
-    rhs = _make_rhs(f, plan, options, numbers, inputs, ensemble)
+    rhs = _make_rhs(f, plan, options, parameters, inputs, ensemble)
     if ensemble:
         _check_picklable(f, plan.user_frame, rhs, options)
     _check_rhs(plan, rhs, options["linear"], start, stop, points)
@@ -544,7 +546,8 @@ def make_problem(
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     limits = np.empty((0, 2))
     if inputs is not None and not member_inputs:
-        stops, limits = stops_and_limits(inputs, stops, start, control.tolerance)
+        stops = inputs.add_stops(stops, start, control.tolerance)
+        limits = inputs.limits(control.tolerance)
     events = _read_events(options, frame, rhs, start, stop)
     step_function = step_function_of(options, plan, rhs, start, stop, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])

@@ -1,9 +1,9 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``,
-those of inputs and breakpoints, and at the time up to which the stepper goes on. Points, the last
-steps and the events are in the run, which isn't copied: a copy opens another one of the same
-problem, and writes the saved state of the first into it.
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``, the
+times of breakpoints and of corners of inputs, and at the time up to which the stepper goes on. The
+run holds points, the last step and the events. A copy of a stepper opens another run of the same
+problem, and writes the saved state of the first run into it.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_real, short, warn_user
-from cg.support.records import changed
+from cg.support.frozen import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method
 
-_FAR = 2.0**40  # number of fixed steps to the end of a run without a final time
+_FAR = 2.0**40  # number of fixed steps to the end of segments without a final time
 _STEP_COUNTER = list(COUNTERS).index("steps")
 _TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
 _NONE_STOPPED = np.zeros(1, dtype=np.bool_)
@@ -86,8 +86,8 @@ class Stepper:
         ``"running"``, ``"event"`` at a terminal event, of an ensemble at those of all members,
         ``"finished"`` at ``t_bound``, or ``"failed"``.
     stopped
-        Which members of an ensemble a terminal event has ended, shape ``(members,)``; their points
-        in ``y`` are those at their events. None for a single point.
+        Whether a terminal event has ended each member of an ensemble, shape ``(members,)``; their
+        points in ``y`` are those at their events. None for a single point.
     t_events, y_events, y_after
         For each event its times so far, and the points before and after its jumps, as in a
         `Solution`, of an ensemble as in an `EnsembleSolution`; None without events.
@@ -141,7 +141,7 @@ class Stepper:
         first, breakpoints = all_options["first_step"], all_options["breakpoints"]
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:
-            all_options["first_step"] = None  # which may exceed the span here
+            all_options["first_step"] = None  # it may exceed the span here, which is empty
         problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=ensemble)
         if problem.member_inputs:
             raise ValueError(
@@ -149,9 +149,9 @@ class Stepper:
                 f"for an ensemble in steps, got {short(all_options['inputs'])}"
             )
         check_resolution(problem.control.h, start)
-        numbers = problem.rhs.extra.parameters
-        if numbers is not None:
-            check_finite("parameters", numbers if ensemble else numbers[0])
+        parameters = problem.rhs.extra.parameters
+        if parameters is not None:
+            check_finite("parameters", parameters if ensemble else parameters[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
         self._first_step = None if first is None else check_real("first_step", first, positive=True)
         self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
@@ -201,7 +201,7 @@ class Stepper:
 
     @property
     def _stopped(self) -> NDArray[np.bool_]:
-        """Which members a terminal event has ended, none of a single point, which may go on."""
+        """Whether a terminal event has ended each member; a single point may go on after it."""
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
         return stopped if self._ensemble else _NONE_STOPPED
 
@@ -209,8 +209,8 @@ class Stepper:
         """Return ``select(t, y)`` of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
-        places, t, y = self._run.events()
-        lists = split_events(places, select(t, y), self._run.members, len(table))
+        indices, t, y = self._run.events()
+        lists = split_events(indices, select(t, y), self._run.members, len(table))
         return lists if self._ensemble else [members[0] for members in lists]
 
     t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
@@ -297,11 +297,11 @@ class Stepper:
         message = self._drive(self._take_steps, target)
         return TERMINAL_EVENT if message is None and self.t != target else message
 
-    def _check_time(self, t: float, name: str, first: float) -> float:
-        """Return a time after checking that it lies between a first one and `t_bound`."""
+    def _check_time(self, t: float, name: str, start: float) -> float:
+        """Return a time after checking that it lies between ``start`` and `t_bound`."""
         time, sign = check_real_time(name, t, infinite=False), self.direction
-        if sign * (time - first) < 0.0 or sign * (time - self.t_bound) > 0.0:
-            low, high, got = texts_of(first, self.t_bound, time)
+        if sign * (time - start) < 0.0 or sign * (time - self.t_bound) > 0.0:
+            low, high, got = texts_of(start, self.t_bound, time)
             raise ValueError(f"{name} must lie between {low} and {high}, got {got}")
         return time
 
@@ -344,19 +344,19 @@ class Stepper:
             rows = run.plan.doubles(points)
         if first_step is not None and run.control.h is not None:
             raise ValueError(f"first_step must be None with h, got {first_step!r}")
-        first = self._first_step
+        size = self._first_step
         if first_step is not None:
-            first = check_real("first_step", first_step, positive=True)
+            size = check_real("first_step", first_step, positive=True)
         same_f = args is None and parameters is None and inputs is None
         replaced = y is not None or not same_f
         if first_step is None and t is None and replaced and self.status != "failed":
-            first = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
+            size = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
             self._find_stops(run.rhs.extra.inputs, time)
         goes_on = t is not None or y is not None
-        self._begin(time, rows, first, np.zeros_like(self._stopped) if goes_on else self._stopped)
+        self._begin(time, rows, size, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
         if self._ensemble and self._stopped.all():
             self.status = "event"
@@ -376,14 +376,14 @@ class Stepper:
             raise RuntimeError("dense_output must not come with a thermostat: paths aren't smooth")
         shared = not self._ensemble or (self._problem.common_steps and not self._stopped.all())
         if not (self._has_step and shared) or self._overwritten:
-            which = " that all members share" * self._ensemble
-            raise RuntimeError(f"dense_output must come after a step{which}")
+            shared_by_all = " that all members share" * self._ensemble
+            raise RuntimeError(f"dense_output must come after a step{shared_by_all}")
         return self._cut_output or self._interpolate()
 
     def _replace_data(
         self, t: float, rows: Array, args: Any, parameters: ArrayLike | None, inputs: Any
     ) -> None:
-        """Replace what ``f`` gets besides time and point from time t on, None for what remains.
+        """Replace arguments of ``f`` other than time and point, from time t on; None keeps the old.
 
         ``rows`` are the points there, as doubles.
         """
@@ -405,15 +405,15 @@ class Stepper:
     def _find_stops(self, inputs: Inputs | None, t: float) -> None:
         """Set the ends of segments from a time on, and the last time of a step without a limit.
 
-        That is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
+        It is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
         """
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
         stops = np.append(self._breakpoints, end)
         if inputs is not None:
-            first, last = inputs.span
-            end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
+            start, stop = inputs.span
+            end = sign * min(sign * end, max(sign * t, sign * (stop if sign > 0.0 else start)))
             stops = np.append(stops[sign * stops < sign * end], end)
             stops = inputs.add_stops(stops, t, control.tolerance)
         self._stops, self._end = stops[:-1], end
@@ -436,10 +436,10 @@ class Stepper:
         run.resume(ends)
         self._target = target
 
-    def _drive(self, take: Callable[[], str | None], target: float) -> str | None:
+    def _drive(self, take_steps: Callable[[], str | None], target: float) -> str | None:
         """Take steps towards a time; return a message if that failed.
 
-        Then an ensemble returns to where it was, as some members are ahead of others.
+        After a failure an ensemble returns to the time before, since some members are ahead.
         """
         run = self._run
         if target != self._target:
@@ -449,7 +449,7 @@ class Stepper:
         calls = len(run.events_of_calls)
         complete = False
         try:
-            message = take()
+            message = take_steps()
             complete = message is None
         finally:
             if not complete:
@@ -523,17 +523,17 @@ class Stepper:
         begin = float(interpolants.rows[0, InterpolantColumn.START])
         outputs, nowhere = [], np.full((1, run.plan.width), math.nan)
         for member, has_stopped in enumerate(self._stopped):
-            of_member = interpolants.member(member)
-            start = nowhere if has_stopped else of_member.rows[:1, len(InterpolantColumn) :]
+            own = interpolants.member(member)
+            start = nowhere if has_stopped else own.rows[:1, len(InterpolantColumn) :]
             point = run.plan.points(start[:, : run.plan.width].copy(), (1,))[0]
-            outputs.append(DenseOutput(of_member, begin, self.direction, point))
+            outputs.append(DenseOutput(own, begin, self.direction, point))
         return EnsembleOutput(outputs) if self._ensemble else outputs[0]
 
     def _check_running(self) -> None:
         """Raise RuntimeError unless the integration goes on."""
         if self.status not in ("running", "event") or (self._ensemble and self.status == "event"):
-            what = "stopped" if self.status == "event" else self.status
-            raise RuntimeError(f"the integration has {what} at t = {self.t:.17g}; restart it")
+            status = "stopped" if self.status == "event" else self.status
+            raise RuntimeError(f"the integration has {status} at t = {self.t:.17g}; restart it")
 
     def _fail(self) -> str:
         """Return the message for failed steps; raise other errors."""

@@ -1,11 +1,16 @@
 """The choice of steps of `cg.solve_ivp`, for diffrax, from error estimates at the ends of steps.
 
-An estimate is the difference of two results, or a weighted sum of the coefficients at stages. Two
-estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, or
-the larger one. Those of Magnus methods and of methods on the algebra have two parts, of quadratures
-and of commutators, each of which counts times (e / hypot(e, factor d))^power, see
-``fortran/steps/error_estimate.f90``. Norms are those of `controller` where both of its tolerances
-are equal.
+An estimate e is the difference of two results, or a weighted sum of the coefficients at stages. A
+method has one estimate, or two, of orders that differ: e1, and e2 of lower order. With their norms
+they are made one error,
+
+    e1 (|e1| / hypot(|e1|, factor |e2|))^power,
+
+with the factor 1/10 and the power 1 as in DOP853, or with others that `table.record` has. With
+`kink_weights` the larger one of e1 and the estimate of kinks takes the place of e1. Methods whose
+estimates see quadrature and commutators apart have e1 and e2 for each of these two parts: the
+larger error counts, of Magnus methods the sum. The norms are those of `controller` where both of
+its tolerances are 1. ``fortran/steps/error_estimate.f90`` computes the same.
 """
 
 from __future__ import annotations
@@ -32,7 +37,7 @@ from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL, EstimateForm
 from cg.tables import MAX_ANGLE, MethodTable
 
 _CONTROL, _ESTIMATE = SimpleNamespace(**STEP_CONTROL), SimpleNamespace(**ERROR_ESTIMATE)
-_MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
+_MAX_FAILURES = 40  # failed steps in succession: at time zero no size is below the least step
 
 
 def controller(
@@ -85,7 +90,7 @@ def controller(
     if absolute.shape not in ((), shape):
         raise ValueError(f"atol must be a number or have shape {shape}, got {absolute.shape}")
     least = 4.0 * jnp.finfo(relative.dtype).eps
-    traced = isinstance(relative + absolute, jax.core.Tracer)  # whose values aren't known yet
+    traced = isinstance(relative + absolute, jax.core.Tracer)  # tracers have no values yet
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
     ):
@@ -172,10 +177,10 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         upper = span if self.max_step is None else jnp.minimum(span, self.max_step)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
-        telling = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
+        informative = (size > _CONTROL.negligible) & (slope * span > _CONTROL.negligible)
         guess = jnp.where(
-            telling,
-            _CONTROL.guess_fraction * size / jnp.where(telling, slope, 1.0),
+            informative,
+            _CONTROL.guess_fraction * size / jnp.where(informative, slope, 1.0),
             _CONTROL.blind_fraction * span,
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, upper), lower)
@@ -201,9 +206,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         )
         keep, exponent, results = error <= 1.0, 1.0 / error_order, diffrax.RESULTS
 
-        # XLA repeats what leads to a scalar for each of its uses, but once for both branches.
+        # XLA computes a scalar again for each use outside of `cond`, and once for its branches.
         def accept() -> Any:
-            # proportional-integral; infinite powers of an error of zero give the largest factor
+            # proportional-integral control; an error of zero gives infinity: the largest factor
             grown = error**-_CONTROL.last_power * last_error**_CONTROL.before_last_power
             largest = jnp.where(after_rejection, 1.0, _CONTROL.max_factor)
             factor = jnp.clip(_CONTROL.safety * grown**exponent, _CONTROL.min_factor, largest)
@@ -257,9 +262,10 @@ def _spacing(t: JaxArray) -> JaxArray:
 def _step_by_derivatives(
     size: JaxArray, slope: JaxArray, curvature: JaxArray, error_order: float
 ) -> JaxArray:
-    """Return the step of the first error, infinite where the derivatives say nothing.
+    """Return the first step by which the error is `first_error`, infinite for zero derivatives.
 
-    The rate at which the solution changes stands for higher derivatives.
+    The rate at which the solution changes, the larger of curvature / slope and slope / size,
+    estimates the higher derivatives.
     """
     moving = slope > 0.0
     safe = jnp.where(moving, slope, 1.0)
@@ -273,17 +279,17 @@ def _step_by_derivatives(
 
 
 class Estimate(NamedTuple):
-    """An estimate of the error: a tangent, and what its norm is made of, or the norm's square."""
+    """An estimate of the error: its tangent, and its coordinates or the square of its norm."""
 
     tangent: JaxArray
-    measured: JaxArray
+    measured: JaxArray  # see `Rules.measured`; after `squared` the square of the norm
 
     def squared(self, size: JaxArray) -> Estimate:
         """Return the estimate with the square of its norm."""
         return Estimate(self.tangent, (jnp.abs(self.measured / size) ** 2).sum())
 
 
-Part = list[Estimate]  # e1, that of kinks if the method has `kink_weights`, and e2 if there is one
+Part = list[Estimate]  # e1, the estimate of kinks if the method has one, and e2 if there is one
 
 
 class LastStep(eqx.Module):
@@ -347,7 +353,7 @@ def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArr
 
 
 def _parts(table: MethodTable, differences: Part, sums: Part) -> list[Part]:
-    """Return the estimates of each part, as the form of the method's estimate says."""
+    """Return the estimates of each part, in the form of the method's estimate."""
     if table.estimate is EstimateForm.PARTS_OF_RESULTS:
         pairs = zip(differences, (sums[0], sums[-1]), strict=True)
         return [sums, [Estimate(*map(operator.sub, *pair)) for pair in pairs]]
@@ -363,7 +369,7 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
     """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
     if isinstance(frame, Product):
         factors = zip(frame.factors, frame._vector_slices, strict=True)
-        return jnp.stack([turning(factor, v[place]) for factor, place in factors]).max()
+        return jnp.stack([turning(factor, v[slot]) for factor, slot in factors]).max()
     if isinstance(frame, Power):
         return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
     group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
@@ -376,27 +382,27 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
 def _magnus_error(
     table: MethodTable, parts: list[Part], nodes: Estimate, change: JaxArray, variation: JaxArray
 ) -> JaxArray:
-    """Return the error of a Magnus method: that of the results, or the larger of the nodes.
+    """Return the error of a Magnus method: of its results, or of the interpolation at its nodes.
 
-    ``change`` is that of the angle of coefficients in the step, ``variation`` that of the
-    coefficients in a first step, in others infinite.
+    ``change`` is the largest angle by which coefficients change in the step. ``variation`` is the
+    norm of the largest change in a first step, infinite in others, whose `nodes` see fast changes.
     """
     tangents = [[tangent for tangent, _ in part] for part in parts]
     norms = [[_norm(square) for _, square in part] for part in parts]
     estimates = [
-        (e / jnp.hypot(e, table.record.factor * d[0])) ** table.record.power * e if d else e
-        for e, *d in norms
+        (e1 / jnp.hypot(e1, table.record.factor * e2[0])) ** table.record.power * e1 if e2 else e1
+        for e1, *e2 in norms
     ]
     size = sum(estimates)
     of_results = tangents[0][0] * (size / norms[0][0])
     if len(parts) > 1:
-        (quadrature1, quadrature2), (rest1, rest2) = norms
-        scaled = tangents[1][0] * (size / rest1)
+        (quadrature1, quadrature2), (commutator1, commutator2) = norms
+        scaled = tangents[1][0] * (size / commutator1)
         of_results = jnp.where(estimates[1] > estimates[0], scaled, of_results)
-        # The rest is of third order in the step, so that this share of it has that of the error.
+        # Commutators are of third order in the step; this share of them has the order of the error.
         share = (change / _ESTIMATE.unit_of_change) ** (1.0 / table.exponent - 3.0)
-        of_results = jnp.where(share * rest2 > size, share * tangents[1][1], of_results)
-        size = jnp.maximum(size, share * rest2)
+        of_results = jnp.where(share * commutator2 > size, share * tangents[1][1], of_results)
+        size = jnp.maximum(size, share * commutator2)
         fast = quadrature1 > _ESTIMATE.resolved_first * variation
         fast_size = jnp.where(fast, quadrature1, quadrature2)
         fast_error = jnp.where(fast, *tangents[0])
@@ -423,7 +429,10 @@ def _error_of_parts(table: MethodTable, parts: list[Part]) -> JaxArray:
 
 
 def _quotient(table: MethodTable, e1: Estimate, *others: Estimate) -> Estimate:
-    """Return the estimate of DOP853 and the square of its norm, of e1, that of kinks, and e2."""
+    """Return the error made of e1, kinks if there are any, and e2, and the square of its norm.
+
+    It is DOP853's, with the power 1: e1 |e1| / hypot(|e1|, factor |e2|).
+    """
     if not others:
         return e1
     (error, square), *kinks, (_, square2) = e1, *others
@@ -436,7 +445,10 @@ def _quotient(table: MethodTable, e1: Estimate, *others: Estimate) -> Estimate:
 
 
 def _error_at_end(table: MethodTable, e1: Estimate, e2: Estimate, *e3: Estimate) -> JaxArray:
-    """Return the larger of the error and the error at the end of the step, see `end_weights`."""
+    """Return the larger of e1 and of the error at the end of the step, see `end_weights`.
+
+    The error at the end is factor times e2, or the quotient of e2 and e3 if there is an e3.
+    """
     factor, (at_end, end) = table.record.factor, e2
     for _, square in e3:
         share = end / jnp.maximum(end + square, jnp.finfo(end.dtype).tiny)
@@ -460,13 +472,13 @@ def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, last: La
         earlier, fields = earlier[:-1], fields[:-1]
     times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
     fields = jnp.concatenate([fields, values])
-    used = moves & (last.h != 0.0)
-    times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
+    has_last = moves & (last.h != 0.0)
+    times = jnp.where(has_last, times, jnp.arange(len(times), dtype=h.dtype))
     apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
     weights = 1.0 / apart.prod(axis=1)
     middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
     largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
     difference = weights @ fields
     rounding = _ESTIMATE.roundings * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
-    seen = used & (jnp.abs(difference) > rounding)
-    return h * largest * jnp.where(seen, difference, 0.0)
+    significant = has_last & (jnp.abs(difference) > rounding)
+    return h * largest * jnp.where(significant, difference, 0.0)

@@ -1,6 +1,6 @@
 r"""Functions of squared angles that are smooth at zero, in any precision and to any derivative.
 
-Everything here is a function of :math:`q = |v|^2`, which is smooth where :math:`|v|` is not.
+They are functions of :math:`q = |v|^2`, which is smooth at zero where :math:`|v|` is not.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FACTOR_SERIES = [  # coefficients of the series in q of dexpinv_factor without 
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
-# From the third power on a polynomial that is interpolated up to the pole, with fewer terms
+# A polynomial interpolates the powers from the third on up to the pole, with fewer terms
 _FACTOR_REST = Chebyshev.interpolate(Polynomial(_FACTOR_SERIES[3:]), 7, [0.0, _POLES[0]])
 _FACTOR_TERMS = (*_FACTOR_SERIES[:3], *_FACTOR_REST.convert(kind=Polynomial).coef.tolist())
 _ARCTAN_NEAR = 0.04  # below it the series of arctan is summed
@@ -41,7 +41,7 @@ def power_series(coefficients: tuple[float, ...], x: JaxArray) -> JaxArray:
 
 @power_series.defjvp
 def _power_series_jvp(coefficients: tuple[float, ...], primals: Any, tangents: Any) -> Any:
-    # That of Horner's rule would have twice the operations, and its transpose keeps each of them.
+    # Differentiating Horner's rule takes twice the operations; its transpose stores each of them.
     (x,), (dx,) = primals, tangents
     slope = tuple(k * c for k, c in enumerate(coefficients))[1:]
     return power_series(coefficients, x), power_series(slope or (0.0,), x) * dx

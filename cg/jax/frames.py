@@ -1,4 +1,4 @@
-"""What each frame is in JAX: functions of one point, which `jax.vmap` makes ones of many.
+"""The functions of each frame in JAX: they take one point, and `jax.vmap` applies them to many.
 
 Coefficients have shape ``(dim,)``, points ``point_shape``, and results the type of the point that
 they are made of: float32 or float64, complex64 or complex128. All are smooth wherever the
@@ -40,9 +40,9 @@ def rules_of(frame: Frame) -> Rules:
 def _rules(frame: Frame) -> Rules:
     make = _MAKERS.get(type(frame))
     if make is None:
-        known = ", ".join(kind.__name__ for kind in _MAKERS)
+        names = ", ".join(kind.__name__ for kind in _MAKERS)
         raise TypeError(
-            f"frame must be one of {known} in JAX, got {frame!r}; a FieldFrame takes a flow in "
+            f"frame must be one of {names} in JAX, got {frame!r}; a FieldFrame takes a flow in "
             "jax.numpy"
         )
     return make(frame)

@@ -28,7 +28,7 @@ from cg.jax.rules import (
     unit_step,
 )
 
-_SERIES_TERMS = 18
+_SERIES_TERMS = 18  # terms of (exp(a) - 1) / a for |a| < 1; the next one is below rounding
 
 
 def euclidean_rules(frame: frames.Euclidean) -> Rules:
@@ -96,9 +96,9 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
     def geodesic(y0: JaxArray, y1: JaxArray) -> JaxArray:
         return 0.5 * group.log1p(jnp.linalg.solve(y0, y1 - y0).mT)
 
-    def composed(path: JaxArray) -> JaxArray:
-        eye = jnp.eye(frame.group.size, dtype=path.dtype)
-        product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), eye, path)
+    def composed(flows: JaxArray) -> JaxArray:
+        eye = jnp.eye(frame.group.size, dtype=flows.dtype)
+        product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), eye, flows)
         return group.log1p(product - eye)
 
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore

@@ -1,9 +1,9 @@
 """Exponentials and logarithms of matrices.
 
-A logarithm is the series of artanh near the identity. Farther away that of a unitary matrix is
-made of its eigenvalues, which are those of a Hermitian matrix after Cayley's transform, since JAX
-has no Schur form on accelerators; that of any other matrix is the series after repeated square
-roots.
+Near the identity a logarithm is the series of artanh. Farther away, the logarithm of a unitary
+matrix is made of its eigenvalues. They are computed as eigenvalues of a Hermitian matrix, Cayley's
+transform, since JAX has no Schur form on accelerators. The logarithm of any other matrix is the
+series after repeated square roots.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cg.jax.rules import JaxArray, adjoint, linear, real_dtype
 _MAX_SQUARINGS = round(math.log2(MAX_EXPONENT))
 _NEAR_IDENTITY = 0.25
 _ARTANH_TERMS = 12
-_MAX_ROOTS = 60  # most square roots that are taken one after the other
+_MAX_ROOTS = 60  # largest number of square roots that are taken one after the other
 _ROOT_STEPS, _SIGN_STEPS = 60, 12  # Newton steps for a square root, and for a sign function
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
@@ -187,8 +187,8 @@ def _rotation_logarithm(x: JaxArray) -> JaxArray:
 
     half, _ = jax.lax.scan(improve, skew, None, length=_SIGN_STEPS)
     turned = x - 2.0 * (x @ (axes * beyond) @ axes.T)
-    rest = _spectral(*_cayley_angles(turned)).real
-    return rest + math.pi * (axes @ half @ axes.T)
+    logarithm = _spectral(*_cayley_angles(turned)).real
+    return logarithm + math.pi * (axes @ half @ axes.T)
 
 
 def _general_logarithm(x: JaxArray) -> JaxArray:

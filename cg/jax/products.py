@@ -25,8 +25,8 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     _check_product(frame)
     y = read_point(frame, y)
     points = []
-    for factor, place in zip(frame.factors, frame._point_slices, strict=True):
-        entries = y[place]
+    for factor, slot in zip(frame.factors, frame._point_slices, strict=True):
+        entries = y[slot]
         if factor.dtype.kind == "c":
             entries = jax.lax.complex(*entries.reshape(-1, 2).T)
         points.append(entries.reshape(factor.point_shape))
@@ -59,11 +59,11 @@ def product_rules(frame: Product, factors: list[Rules]) -> Rules:
     """Return the rules of a product, from those of its factors."""
 
     def cut(v: JaxArray) -> list[JaxArray]:
-        return [v[..., place] for place in frame._vector_slices]
+        return [v[..., slot] for slot in frame._vector_slices]
 
     def each(name: str, *arguments: Any) -> list[JaxArray]:
         pairs = zip(factors, *arguments, strict=True)
-        return [getattr(rules, name)(*own) for rules, *own in pairs]
+        return [getattr(rules, name)(*parts) for rules, *parts in pairs]
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
         orders = [order] * len(factors)
@@ -72,10 +72,10 @@ def product_rules(frame: Product, factors: list[Rules]) -> Rules:
     def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
 
-    def composed(path: JaxArray) -> JaxArray:
-        known = [rules.composed or (lambda path: jnp.zeros_like(path[0])) for rules in factors]
-        paths = zip(known, cut(path), strict=True)
-        return jnp.concatenate([composed(own) for composed, own in paths])
+    def composed(flows: JaxArray) -> JaxArray:
+        functions = [rules.composed or (lambda v: jnp.zeros_like(v[0])) for rules in factors]
+        pairs = zip(functions, cut(flows), strict=True)
+        return jnp.concatenate([function(parts) for function, parts in pairs])
 
     return Rules(
         frame,
@@ -105,9 +105,9 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         each = jax.vmap(lambda x, y: inverse(x, y, order))
         return each(u.reshape(n, m), v.reshape(n, m)).reshape(-1)
 
-    def composed(path: JaxArray) -> JaxArray:
+    def composed(flows: JaxArray) -> JaxArray:
         assert rules.composed is not None
-        return jax.vmap(rules.composed, 1)(path.reshape(len(path), n, m)).reshape(-1)
+        return jax.vmap(rules.composed, 1)(flows.reshape(len(flows), n, m)).reshape(-1)
 
     return Rules(
         frame, lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y), jax.vmap(rules.restore),

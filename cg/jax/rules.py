@@ -1,4 +1,4 @@
-"""A frame as functions of JAX, and what frames have in common."""
+"""The functions of a frame in JAX (`Rules`), and functions that several frames use."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Rules:
     `field` in closed form, ``unequal_sizes(y)`` `sizes` where not all are 1. ``distance(y)`` is, to
     first order, the `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says
     whether two points determine the coefficients of the short flow between them. `nearby` starts at
-    ``start(y0, y1)``, None for zero. ``composed(path)`` are the coefficients of the flow that is
+    ``start(y0, y1)``, None for zero. ``composed(flows)`` are the coefficients of the flow that is
     the product of flows, shape ``(count, dim)``, the first one first; None where points determine
     it well.
     """
@@ -111,7 +111,7 @@ class Rules:
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
 
     def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
-        """Return the sizes for a step between two points: the larger of the sizes at both."""
+        """Return the sizes of errors for a step between two points: the larger of those at both."""
         return jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
 
 

@@ -38,7 +38,7 @@ _MAX_ANGLE = 2.0 * math.pi / PARTS_OF_TURN
 
 
 class SolverState(eqx.Module):
-    """What a step needs of the steps before."""
+    """The state that a step hands to the next one."""
 
     at_start: JaxArray  # coefficients at the start of the step
     last_step: LastStep | None  # the step before, of Magnus methods

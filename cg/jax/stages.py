@@ -1,4 +1,7 @@
-"""Stages of a step, and interpolants: see `cg.construction.methods.interpolant`."""
+"""Stages of a step, as paths of flows or in a Lie algebra, and interpolants between steps.
+
+`cg.construction.methods.paths` explains paths, `cg.construction.methods.interpolant` interpolants.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Stages:
-    """What a step has computed at its stages.
+    """The results of a step, and the coefficients at its stages.
 
     With `PARTS_OF_SERIES` sums of coefficients are the first half of ``errors``, and sums of what
     dexpinv has added to them the second.
@@ -48,7 +51,7 @@ class Stages:
 
     values: JaxArray  # (stages, dim) coefficients, on the algebra derivatives of coordinates
     result: JaxArray  # the point at the end of the step
-    others: list[JaxArray]  # results with which that one is compared
+    others: list[JaxArray]  # second and third results, with which the result is compared
     errors: JaxArray  # (sums, dim) weighted sums of values: error estimates divided by the step
     at_end: JaxArray | None  # coefficients at the result, None if no stage is there
     vectors: JaxArray  # values, then brackets of a Magnus method or values at nodes of output
@@ -177,12 +180,12 @@ def _take_stages_on_algebra(
     rules, f, h, y0, output = start.rules, start.f, start.h, start.y0, table.output
     count, width = len(table.c), output.basis.shape[1]
     paths = [np.zeros(0), *(weights for _, (weights,) in table.paths)]
-    places, ends = table.arrays["stage_path"].astype(int).tolist(), []
+    stage_paths, ends = table.arrays["stage_path"].astype(int).tolist(), []
     if output.final > count:
-        places, ends = [*places, table.record.result], [1.0]
-    # In a loop these would be carried backwards too; without one they are part of its kernels.
+        stage_paths, ends = [*stage_paths, table.record.result], [1.0]
+    # A loop would carry the sums of these rows in reverse mode too; unrolled, they cost no kernel.
     last = np.stack([paths[table.record.result], *table.errors])
-    rows = [*(paths[k] for k in places[1:]), *output.rows, *(last if unroll else ())]
+    rows = [*(paths[k] for k in stage_paths[1:]), *output.rows, *(last if unroll else ())]
     weights = np.array([np.pad(row, (0, width - len(row))) for row in rows])
     columns, nodes = jnp.asarray(weights.T, h.dtype), [*table.c, *ends, *output.theta]
     numbers = jnp.arange(-1, width - 1), jnp.asarray(nodes, h.dtype), columns
@@ -193,8 +196,8 @@ def _take_stages_on_algebra(
     in_parts = table.estimate is EstimateForm.PARTS_OF_SERIES
 
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray | None, ...]]:
-        place, c, column = stage
-        u = h * sums[place]
+        row, c, column = stage
+        u = h * sums[row]
         coefficients = f(c, flow(u, y0))
         value = dexpinv(u, coefficients, series)
         added = column[:, None] * value
@@ -216,7 +219,7 @@ def _take_stages_on_algebra(
     if evaluations < width:  # XLA removes this loop where no output between steps is asked for
         _, (_, more, _) = loop(sums, slice(evaluations, width), unroll=False)
         vectors = jnp.concatenate([vectors, more])
-    if in_parts:  # that of the first stage is zero
+    if in_parts:  # the correction at the first stage is zero
         corrected = jnp.asarray(table.errors[:, 1:], h.dtype) @ corrections[: count - 1]
         errors = jnp.concatenate([errors - corrected, corrected])
     return Stages(values, result, [], errors, at_end, vectors)
@@ -226,7 +229,7 @@ def _take_stages_on_algebra(
 class _Scheme:
     """Weights of flows as polynomials, and whether the interpolant is as accurate as the step.
 
-    ``weights`` are those of θ, θ², …, shape ``(flows, coefficients, degree)``.
+    ``weights`` are the coefficients of θ, θ², …, shape ``(flows, coefficients, degree)``.
     """
 
     weights: Array
@@ -366,7 +369,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray
     """Return the interpolant by flows; each level gives the points of nodes of the next one."""
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(table)
-    path = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.vectors)
+    displacements = h * (jnp.asarray(table.result_flows, h.dtype) @ stages.vectors)
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""
@@ -374,7 +377,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray
         reached, left = before(jnp.ones((), h.dtype)), jnp.zeros_like(at_end)
         if rules.composed is not None:  # as in fortran/steps/interpolant.f90
             back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
-            left = rules.composed(jnp.concatenate([back, path]))
+            left = rules.composed(jnp.concatenate([back, displacements]))
             reached = rules.flow(left, reached)
         left = left + rules.nearby(reached, stages.result)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)

@@ -17,7 +17,7 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.tables import MethodTable
 
-_CALLERS = 13  # calls to look back; equinox has some between diffrax and a solver
+_CALLERS = 13  # callers to search; equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -228,8 +228,8 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
 
 def events_and_output() -> tuple[bool, bool]:
     """Return whether there is an event, and output between steps, which a solver isn't told."""
-    values = _caller("diffrax._integrate", "diffeqsolve") or {}
-    has_events, saveat = values.get("event") is not None, values.get("saveat", diffrax.SaveAt())
+    solve = _caller("diffrax._integrate", "diffeqsolve") or {}
+    has_events, saveat = solve.get("event") is not None, solve.get("saveat", diffrax.SaveAt())
     outputs = jax.tree.leaves(saveat.subs, is_leaf=lambda x: isinstance(x, diffrax.SubSaveAt))
     between = saveat.dense or any(output.ts is not None for output in outputs)
     return has_events, has_events or between
@@ -237,13 +237,13 @@ def events_and_output() -> tuple[bool, bool]:
 
 def _caller(module: str, name: str) -> dict[str, Any] | None:
     """Return the variables of a function that is among the callers, or None."""
-    place = inspect.currentframe()
+    caller = inspect.currentframe()
     for _ in range(_CALLERS):
-        if place is None:
+        if caller is None:
             return None
-        if (place.f_globals.get("__name__"), place.f_code.co_name) == (module, name):
-            return place.f_locals
-        place = place.f_back
+        if (caller.f_globals.get("__name__"), caller.f_code.co_name) == (module, name):
+            return caller.f_locals
+        caller = caller.f_back
     return None
 
 

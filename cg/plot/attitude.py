@@ -46,7 +46,7 @@ def drawn_rotations(y: Any) -> tuple[Rotation, Array | None]:
 def rotations_on(frame: Frame | None, points: Any) -> Rotation | None:
     """Return the rotations of points of a frame, or without one of matrices or quaternions.
 
-    Of a product the first factor with rotations is taken. None if the frame has no rotations.
+    A product has the rotations of its first factor with any. None if the frame has no rotations.
     """
     if frame is None:
         points = real_array(points, "y")

@@ -164,13 +164,13 @@ def _values(entry: Entry, name: str, points: Any) -> Any:
 
 
 def _jumped(solution: Any) -> list[Any]:
-    """Return for each event which of its times have a jump."""
+    """Return for each event whether there is a jump at each of its times."""
     pairs = zip(solution.y_events or (), solution.y_after or (), strict=True)
     return [np.any(a != b, axis=tuple(range(1, np.ndim(a)))) for a, b in pairs]
 
 
 def _path(solution: Any) -> tuple[Any, Any, Any]:
-    """Return times and points, before and after each jump, and the places of points after."""
+    """Return times and points, before and after each jump, and the indices of points after."""
     times, points, rows = solution.t, solution.y, solution.t_events or ()
     if solution.sol is not None:
         ts = solution.sol.ts

@@ -51,19 +51,19 @@ def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) ->
     >>> ax.name
     '3d'
     """
-    paths = _paths(y, _vectors)
-    radius = max(float(np.linalg.norm(path, axis=-1).max()) for path in paths)
-    return _trajectory(paths, radius, ax, label)
+    curves = _curves(y, _vectors)
+    radius = max(float(np.linalg.norm(curve, axis=-1).max()) for curve in curves)
+    return _trajectory(curves, radius, ax, label)
 
 
-def _trajectory(paths: list[Array], radius: float, ax: Any, label: str | None) -> Any:
-    """Draw paths within a sphere, in one colour."""
+def _trajectory(curves: list[Array], radius: float, ax: Any, label: str | None) -> Any:
+    """Draw curves within a sphere, in one colour."""
     ax = axes_for(ax, spatial=True)
     number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
     colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
-    for k, path in enumerate(paths):
-        _draw_path(ax, _along_great_circles(path), colour, dashes, None if k else label)
+    for k, curve in enumerate(curves):
+        _draw_curve(ax, _along_great_circles(curve), colour, dashes, None if k else label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
@@ -92,17 +92,17 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
-    ax = _trajectory(_paths(y, _bloch_vectors), 1.0, ax, label)
+    ax = _trajectory(_curves(y, _bloch_vectors), 1.0, ax, label)
     if not ax.texts:
         for height, name in ((1.2, "|0⟩"), (-1.2, "|1⟩")):
             ax.text(0.0, 0.0, height, name, ha="center", va="center")
     return ax
 
 
-def _paths(y: Any, convert: Callable[[Any, Frame | None], Array]) -> list[Array]:
-    """Return the paths of vectors of a solution, of each member, or of an array."""
+def _curves(y: Any, convert: Callable[[Any, Frame | None], Array]) -> list[Array]:
+    """Return the curves of vectors of a solution, of each member, or of an array."""
     if is_solution(y) and np.ndim(y.status):
-        return [path for k in range(len(y.status)) for path in _paths(y[k], convert)]
+        return [curve for k in range(len(y.status)) for curve in _curves(y[k], convert)]
     if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
         y = np.array([state.full().squeeze() for state in y])
     frame, _, points = drawn(y)
@@ -155,18 +155,18 @@ def _bloch_vectors(states: Any, frame: Frame | None) -> Array:
     return np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)
 
 
-def _along_great_circles(path: Array) -> Array:
-    """Return a path with points between those that are more than a few degrees apart."""
-    lengths = np.maximum(np.linalg.norm(path, axis=1), np.finfo(float).tiny)
-    units, arcs = path / lengths[:, None], [path[:1]]
-    for k in range(len(path) - 1):
+def _along_great_circles(curve: Array) -> Array:
+    """Return a curve with points between those that are more than a few degrees apart."""
+    lengths = np.maximum(np.linalg.norm(curve, axis=1), np.finfo(float).tiny)
+    units, arcs = curve / lengths[:, None], [curve[:1]]
+    for k in range(len(curve) - 1):
         cosine = float(np.clip(units[k] @ units[k + 1], -1.0, 1.0))
         angle = math.acos(cosine)
         s = np.linspace(0.0, 1.0, 2 + int(angle / _ARC))[1:, None]
         same = abs(lengths[k + 1] - lengths[k]) < 1e-3 * lengths[k]
         # opposite points have no great circle
         if len(s) == 1 or not same or math.pi - angle < _ARC:
-            arcs.append(path[k + 1 : k + 2])
+            arcs.append(curve[k + 1 : k + 2])
             continue
         arc = np.sin((1 - s) * angle) * units[k] + np.sin(s * angle) * units[k + 1]
         arcs.append(((1 - s) * lengths[k] + s * lengths[k + 1]) * arc / math.sin(angle))
@@ -205,7 +205,7 @@ def trajectory_of_axes(y: Any, ax: Any = None) -> Any:
     ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate("xyz"):
-        _draw_path(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
+        _draw_curve(ax, matrices[:, :, k], COLOURS[k], DASHES[k], f"{name} axis")
         for n, width in ((0, 1.0), (-1, 2.5)):
             axis = np.stack([np.zeros(3), matrices[n, :, k]])
             ax.plot(*axis.T, "-", color=COLOURS[k], linewidth=width)
@@ -213,7 +213,7 @@ def trajectory_of_axes(y: Any, ax: Any = None) -> Any:
     return ax
 
 
-def _draw_path(ax: Any, points: Array, colour: str, dashes: Any, label: str | None) -> None:
+def _draw_curve(ax: Any, points: Array, colour: str, dashes: Any, label: str | None) -> None:
     ax.plot(*points.T, color=colour, linestyle=dashes, linewidth=1.4, label=label)
     ax.scatter(*points[:1].T, color=colour, s=25)
 

@@ -14,8 +14,8 @@ from cg.frames import SO3
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
 from cg.support import flint
 from cg.support.arrays import Array, read_only, real_array
+from cg.support.frozen import ReadOnly
 from cg.support.quads import to_ball
-from cg.support.records import ReadOnly
 
 
 class QuadraticProblem(ABC):

@@ -110,8 +110,8 @@ def check_finite(name: str, array: Points) -> None:
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # faster than all()
         index = tuple(np.argwhere(~finite)[0].tolist())
-        place = ", ".join(map(str, index))
-        raise ValueError(f"{name} must be finite, got {array[index]} at [{place}]")
+        position = ", ".join(map(str, index))
+        raise ValueError(f"{name} must be finite, got {array[index]} at [{position}]")
 
 
 def check_positive(name: str, array: Points) -> None:
@@ -162,10 +162,10 @@ def texts_of(*numbers: float) -> list[str]:
 def clipped(times: Array, low: float, high: float) -> tuple[Array, int | None]:
     """Return times moved to the ends of a span that they are beyond by a few roundings.
 
-    The second result is the place of the first time farther beyond or NaN, None if there is none.
+    The second result is the index of the first time farther beyond or NaN, None if there is none.
     """
     ends = [abs(end) for end in (low, high) if math.isfinite(end)]
     beyond = ROUNDINGS * math.ulp(max(ends, default=0.0))
     outside = ~((times >= low - beyond) & (times <= high + beyond))  # also NaN
-    place = int(np.argmax(outside)) if outside.any() else None
-    return np.clip(times, low, high), place
+    index = int(np.argmax(outside)) if outside.any() else None
+    return np.clip(times, low, high), index

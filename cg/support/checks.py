@@ -24,10 +24,10 @@ _HALF = 100  # characters of a long value in a message before and after its midd
 
 def similar_names(name: str, names: Iterable[str]) -> str:
     """Return the names most similar to `name`, as the end of an error message, pairs first."""
-    known = {each.upper(): each for each in names}
-    same = [each for key, each in known.items() if _letters(key) == _letters(name.upper())]
-    pairs = [each for key, each in known.items() if key.startswith(f"{name.upper()}(")]
-    close = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
+    upper = {each.upper(): each for each in names}
+    same = [each for key, each in upper.items() if _letters(key) == _letters(name.upper())]
+    pairs = [each for key, each in upper.items() if key.startswith(f"{name.upper()}(")]
+    close = [upper[key] for key in get_close_matches(name.upper(), upper, n=3, cutoff=0.5)]
     similar = dict.fromkeys(same or pairs + close)
     return f"; similar names are {', '.join(similar)}" if similar else ""
 

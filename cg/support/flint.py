@@ -15,7 +15,7 @@ class MissingFlintError(ImportError):
 
 
 def __getattr__(name: str) -> Any:
-    if name.startswith("__"):  # what imports ask a module for
+    if name.startswith("__"):  # names that imports look up in a module
         raise AttributeError(name)
     try:
         import flint

@@ -11,10 +11,10 @@ from cg.support.checks import total_memory
 _SLACK = 1 << 20  # memory of f2py and of the allocator
 
 
-def check_memory(needed: int, what: str) -> None:
+def check_memory(needed: int, label: str) -> None:
     """Raise MemoryError unless a compiled call that allocates so many bytes can be made.
 
-    `needed` bounds the bytes that it allocates at any one time; `what` names it in messages.
+    `needed` bounds the bytes that it allocates at any one time; `label` names it in messages.
     """
     try:
         if needed + _SLACK > total_memory():
@@ -22,4 +22,4 @@ def check_memory(needed: int, what: str) -> None:
         np.empty(needed + _SLACK, dtype=np.uint8)  # untouched, it reserves addresses alone
     except (MemoryError, ValueError):  # ValueError: beyond all addresses
         size = f"{needed / 2**30:.3g} GiB" if needed >> 30 else f"{needed / 2**20:.3g} MiB"
-        raise MemoryError(f"{what} needs {size} of memory, which is not available") from None
+        raise MemoryError(f"{label} needs {size} of memory, which is not available") from None

@@ -15,6 +15,7 @@ from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,12 +69,12 @@ def _compiled() -> Any:
         return None
 
 
-def core(what: str) -> Any:
-    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
+def core(label: str) -> Any:
+    """Return the compiled core in real(16), which `label` needs; MissingQuadsError without it."""
     compiled = _compiled()
     if compiled is None:
         raise MissingQuadsError(
-            f"{what} needs quadruple precision, which this build of crouch-grossman was made "
+            f"{label} needs quadruple precision, which this build of crouch-grossman was made "
             "without (-Dquad=disabled); build it with gfortran to have it"
         )
     return compiled
@@ -202,11 +203,7 @@ def working_precision(bits: int) -> Iterator[None]:
 
 def have_flint() -> bool:
     """Return whether python-flint is installed."""
-    try:
-        import flint as _  # noqa: F401
-    except ModuleNotFoundError:
-        return False
-    return True
+    return find_spec("flint") is not None
 
 
 def to_flint(value: Fraction | float) -> fmpq:
@@ -214,9 +211,7 @@ def to_flint(value: Fraction | float) -> fmpq:
 
     Without python-flint it is a Fraction.
     """
-    if not have_flint():
-        return Fraction(value)
-    return flint.fmpq(*value.as_integer_ratio())
+    return flint.fmpq(*value.as_integer_ratio()) if have_flint() else Fraction(value)
 
 
 def to_ball(value: Fraction | float | arb) -> arb:

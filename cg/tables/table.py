@@ -46,7 +46,7 @@ class HasTable(Protocol):
 
 
 class MethodRecord(ctypes.Structure):
-    """The record of a method in compiled code."""
+    """The structure of compiled code with the constants of a method."""
 
     _fields_ = fields_of(METHOD)
 
@@ -59,8 +59,8 @@ class InterpolantScheme:
     on time alone; ``node`` and ``blend`` are one column for each interpolant with 2, 3, … nodes.
     """
 
-    final: int  # the place, from 1, of the derivative at the end
-    series: int  # the order up to which that of dexp⁻¹ is needed
+    final: int  # the index, from 1, of the derivative at the end
+    series: int  # the order up to which the series of dexp⁻¹ is needed
     theta: Array  # further nodes, in the order of evaluation, shape (n,)
     rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
     basis: Array  # coefficients of the polynomials φ, shape (degree, k)
@@ -148,7 +148,7 @@ class MethodTable:
 
     @property
     def estimate(self) -> EstimateForm:
-        """What the error estimate is made of."""
+        """The form of the error estimate."""
         return EstimateForm(int(self.numbers["estimate"]))
 
     def real_limit(self) -> float | None:
@@ -197,7 +197,7 @@ class MethodTable:
 
     @cached_property
     def record(self) -> MethodRecord:
-        """The record in compiled code, which keeps its arrays alive."""
+        """The structure that compiled code reads; it keeps its arrays alive."""
         arrays = {name: np.asarray(array, np.float64) for name, array in self.arrays.items()}
         addresses = {name: array.ctypes.data for name, array in arrays.items()}
         numbers = {name: x for name, x in self.numbers.items() if name in METHOD}

@@ -91,10 +91,10 @@ def test_ensembles_and_complex_points_from_python(compiled_function):
     assert growth.values(RhsForm(Euclidean(1)), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    actual = growth.on(RhsForm(SU(2))).at_member(0, 0.0, y)
+    actual = growth.on_form(RhsForm(SU(2))).at_member(0, 0.0, y)
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
-    stops = compiled_rhs(compiled_function("stops")).on(RhsForm(Euclidean(1)))
+    stops = compiled_rhs(compiled_function("stops")).on_form(RhsForm(Euclidean(1)))
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
         stops.at_member(0, 1.0, np.zeros(1))
 

@@ -41,8 +41,7 @@ def jacobian(
     owner = np.zeros_like(trees) if owner is None else owner
     needed = derivatives_bytes(order, layout, trees.size)
     check_memory(needed, described("the Jacobian", order, layout))
-    matrix: Vector = _core_r64.jacobian(order, layout.code, x, trees, owner=owner)
-    return matrix
+    return np.asarray(_core_r64.jacobian(order, layout.code, x, trees, owner=owner))
 
 
 def described(name: str, order: int, layout: Layout) -> str:

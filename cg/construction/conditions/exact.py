@@ -120,9 +120,10 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
     if not left or not right:
         return {left + right: 1}
     product: dict[Word, int] = {}
-    for first, parts in ((left[0], shuffle(left[1:], right)), (right[0], shuffle(left, right[1:]))):
-        for word, multiplicity in parts.items():
-            product[(first, *word)] = product.get((first, *word), 0) + multiplicity
+    heads = (left[0], shuffle(left[1:], right)), (right[0], shuffle(left, right[1:]))
+    for letter, tails in heads:
+        for word, multiplicity in tails.items():
+            product[(letter, *word)] = product.get((letter, *word), 0) + multiplicity
     return product
 
 
@@ -279,7 +280,7 @@ class Weights:
     def jacobian(self) -> flint.arb_mat:
         """Return the derivatives of the quantities in balls, shape (quantities, unknowns).
 
-        Those of letters at the stages come first, from letters with few nodes to those with many.
+        Weights of letters at the stages come first, from letters with few nodes to many.
         """
         self._at_stages: dict[Word, flint.arb_mat] = {}
         for letter in sorted(self._letters, key=nodes):

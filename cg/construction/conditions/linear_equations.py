@@ -137,14 +137,14 @@ def combination(row: Sequence[Any], letters: Sequence[Series]) -> Series:
 
 def times(a: Series, b: Series, order: int) -> Series:
     """Return the words of a product through a degree."""
-    second = sorted((sum(word), word) for word in b)
+    by_degree = sorted((sum(word), word) for word in b)
     product: Series = {}
-    for first, x in a.items():
-        room = order - sum(first)
-        for degree, word in second:
+    for left, x in a.items():
+        room = order - sum(left)
+        for degree, right in by_degree:
             if degree > room:
                 break
-            product[first + word] = product.get(first + word, 0) + x * b[word]
+            product[left + right] = product.get(left + right, 0) + x * b[right]
     return product
 
 

@@ -89,14 +89,14 @@ def corrections(method: Method) -> tuple[Correction, ...]:
 def _exchanged(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correction, ...]:
     """Return the exchanges of two neighbours in a row or a column that restore the most."""
     names, values = method.layout.names, [entry.value for entry in method.coefficients]
-    places: dict[tuple[Any, ...], int] = {
+    entries: dict[tuple[Any, ...], int] = {
         (re.sub(r"\d+", "#", name), *map(int, re.findall(r"\d+", name))): k
         for k, name in enumerate(names)
     }
     pairs = []
-    for (kind, *place), k in places.items():
-        for axis in range(len(place)):
-            j = places.get((kind, *(n + (axis == i) for i, n in enumerate(place))))
+    for (kind, *indices), k in entries.items():
+        for axis in range(len(indices)):
+            j = entries.get((kind, *(n + (axis == i) for i, n in enumerate(indices))))
             if j is not None and values[j] != values[k]:
                 pairs.append((k, j))
     violated, reached = 0, 0
@@ -231,21 +231,21 @@ def _step(column: NDArray[np.float64], residuals: NDArray[np.float64]) -> float:
 
 @cache
 def _flat_conditions(order: int) -> tuple[list[int], list[int]]:
-    """Return for each condition the sum that it belongs to, and how often.
+    """Return for each condition the index of its sum, and how often it occurs there.
 
     The sums are over all orders of the children of nodes. Where flows commute, they are the
     conditions of rooted trees.
     """
     shapes: dict[object, int] = {}
     trees = [_unordered(forest(order + 1).tree(k)) for k in condition_trees(order)]
-    places = [shapes.setdefault(shape, len(shapes)) for shape, _ in trees]
-    return places, [number for _, number in trees]
+    indices = [shapes.setdefault(shape, len(shapes)) for shape, _ in trees]
+    return indices, [multiplicity for _, multiplicity in trees]
 
 
-def _summed(values: NDArray[Any], places: list[int], numbers: list[int]) -> NDArray[Any]:
+def _summed(values: NDArray[Any], indices: list[int], multiplicities: list[int]) -> NDArray[Any]:
     """Return the sums of `_flat_conditions` over the first axis."""
-    sums = np.zeros((max(places) + 1, *values.shape[1:]), values.dtype)
-    np.add.at(sums, places, (values.T * np.array(numbers)).T)
+    sums = np.zeros((max(indices) + 1, *values.shape[1:]), values.dtype)
+    np.add.at(sums, indices, (values.T * np.array(multiplicities)).T)
     return sums
 
 

@@ -134,8 +134,7 @@ def _tables(program: Program) -> str:
         "   number of moves before it, and a slot. Each move is a flow from one slot to another,",
         "   along the weighted sum of the fields at stages. */",
     ]
-    for name, entries in program.integer_tables().items():
-        lines.append(array(f"static const int {program.name}_{name}", entries))
-    for name, texts in numbers.items():
-        lines.append(reals(program.name, name, texts))
+    tables = program.integer_tables().items()
+    lines += [array(f"static const int {program.name}_{name}", table) for name, table in tables]
+    lines += [reals(program.name, name, texts) for name, texts in numbers.items()]
     return "\n".join(lines)

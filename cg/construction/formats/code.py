@@ -175,7 +175,7 @@ def template(*names: str) -> str:
 def fill(text: str, parts: Mapping[str, object], conditions: Container[str] = ()) -> str:
     """Return a template with each ``@key@``, also in earlier parts, replaced by its part.
 
-    What is between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
+    Text between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
     """
     while section := _SECTION.search(text):
         kept = section[2] if section[1] in conditions else ""
@@ -242,8 +242,7 @@ def to_python(program: Program) -> str:
     lines.append(")")
     if program.errors:
         lines += ["# weights of the stages in the errors", "ERRORS = ("]
-        for row in program.errors:
-            lines.append(f"    (\n{wrapped(row, '        ')},\n    ),")
+        lines += [f"    (\n{wrapped(row, '        ')},\n    )," for row in program.errors]
         lines.append(")")
     # the docstring comes first, since Python looks for an encoding in comments of two lines
     return write(program, ["step.py"], "#", "\n".join(lines))

@@ -101,13 +101,13 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    limit = max_digits(certificate)
-    if digits > limit:
+    most = max_digits(certificate)
+    if digits > most:
         raise ValueError(
-            f"digits must be at most {max(known, limit)}, since some conditions are only shown to "
+            f"digits must be at most {max(known, most)}, since some conditions are only shown to "
             f"be small; got {digits}"
         )
-    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, limit))
+    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 

@@ -45,7 +45,7 @@ _ITERATIONS = {7: 200, 8: 350}  # limit for a start, by order
 _ITERATIONS_BELOW = 150  # in lower orders
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
-_DENOMINATOR_DIGITS = 8  # largest ones of a rational number that is told from its rounded value
+_DENOMINATOR_DIGITS = 8  # of rational numbers that are recognised from their rounded values
 
 _FIRST_ITERATIONS = 60  # after a merge; most successful ones need fewer
 _FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
@@ -237,16 +237,16 @@ def _solved(split: SplitRows, generator: np.random.Generator, reduce: bool) -> C
 def _merged(end: Candidate, iterations: int) -> Candidate | None:
     """Return the first merge that leads to a solution; merges with small residuals come first."""
     starts = sorted(_merges(end), key=attrgetter("f"))
-    for limit in (min(_FIRST_ITERATIONS, iterations), iterations):
-        left = []
+    for max_iterations in (min(_FIRST_ITERATIONS, iterations), iterations):
+        unsolved = []
         for start in starts:
             raise_if_stopped()
-            merged = correct(start, damping=_DAMPING, max_iterations=limit)
+            merged = correct(start, damping=_DAMPING, max_iterations=max_iterations)
             if solved(merged):
                 return merged
-            left.append(merged)
-        left.sort(key=attrgetter("f"))
-        starts = left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]
+            unsolved.append(merged)
+        unsolved.sort(key=attrgetter("f"))
+        starts = unsolved[: max(_MIN_FURTHER, len(unsolved) // _FURTHER_SHARE)]
     return None
 
 
@@ -266,10 +266,9 @@ def _with_key(index: int, end: Candidate, improve: bool) -> _Solution:
         return (float(flows), end.max_coefficient), index, end
     assert isinstance(end.system, SplitRows)
     rows = [*end.system.flat.stages, end.system.flat.result]
-    limit = max(
-        end.max_coefficient, _GROWTH * float(max(abs(entry) for row in rows for entry in row))
-    )
-    end = optimise(end, limits=Limits(np.eye(end.system.size), -limit, limit))
+    largest = float(max(abs(entry) for row in rows for entry in row))
+    bound = max(end.max_coefficient, _GROWTH * largest)
+    end = optimise(end, limits=Limits(np.eye(end.system.size), -bound, bound))
     return (flows * end.principal_error ** (1 / end.system.order), 0.0), index, end
 
 

@@ -33,8 +33,8 @@ Matrix = NDArray[np.float64]
 
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
-_SHARE = Fraction(1, 5)  # part of the error of a jump just after the last node, in its estimate
-_SIZE = 1 / 3  # of `kink_weights` to the third weights: errors of kinks are at most 34 estimates
+_SHARE = Fraction(1, 5)  # estimate of a jump just after the last node, relative to its error
+_SIZE = 1 / 3  # size of `kink_weights` in third weights: errors of kinks are at most 34 estimates
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def end_weights(method: Method) -> EndWeights | None:
 def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
     """Return the weights of stages for kinks in a pair with two more results, else None.
 
-    They satisfy the conditions for commuting flows as the third result does; the sum of their sizes
-    is a third of that of the latter.
+    They satisfy the conditions for commuting flows as the third result does; the sum of their
+    magnitudes is a third of the sum for the third weights.
     """
     second, third = method.embedded_order, method.third_order
     if isinstance(method, MagnusMethod) or not method.explicit or second is None or third is None:

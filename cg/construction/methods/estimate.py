@@ -26,7 +26,7 @@ times g(c_k), and :math:`∫_0^s g` is the time in the solution. There results d
 quadrature of g X, of any size, and by terms in ε that only commutators cause. An estimate that
 divides one by the other is blind.
 
-Regions of linear stability are those of the classical method to which a method reduces where flows
+A method has the regions of linear stability of the classical method to which it reduces where flows
 commute. Their limits are roots of exact polynomials.
 """
 
@@ -92,10 +92,10 @@ def break_ratio(method: Method, power: int) -> float | None:
     if method.embedded_order is None or isinstance(method, MagnusMethod):
         return None
     c, ratios = paths_of(method).abscissae, []
-    for place in ((np.arange(1000) + 0.5) / 1000).tolist():
-        values = np.where(c >= place, (c - place) ** power, 0.0)
+    for jump in ((np.arange(1000) + 0.5) / 1000).tolist():
+        values = np.where(c >= jump, (c - jump) ** power, 0.0)
         (result,), (estimate,) = _step(method, values, np.zeros(1))
-        exact = (1 - place) ** (power + 1) / (power + 1)
+        exact = (1 - jump) ** (power + 1) / (power + 1)
         ratios.append(abs(result - exact) / max(estimate, 1e-300))
     return float(max(ratios))
 
@@ -103,9 +103,9 @@ def break_ratio(method: Method, power: int) -> float | None:
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
-    It is that of all steps of up to `MAX_ANGLE` radians (of Munthe-Kaas methods less than a turn)
-    with perturbations by the powers 1 to 4 of time, and of the powers of time up to the order plus
-    4 that the quadrature of the result misses.
+    The steps turn by up to `MAX_ANGLE` radians (of Munthe-Kaas methods by less than a turn), with
+    perturbations by the powers 1 to 4 of time; further steps integrate powers of time alone, up to
+    the order plus 4.
     """
     if method.embedded_order is None:
         return None
@@ -154,11 +154,11 @@ def _step(
     lengths, fields = _fields(method, values, angles, base, powers)
 
     def flow(terms: Sequence[Any], _: Any, point: Any) -> End:
-        turned, place = point
+        turned, moved = point
         length = sum(weight * lengths[k] for k, weight in terms)
         field = sum(weight * fields[k] for k, weight in terms)
         move = np.exp(-1j * angles * turned) * _phi1(-1j * length * angles) * field
-        return (turned + length, place + move), None
+        return (turned + length, moved + move), None
 
     ends, _ = take_paths(paths, (0.0, 0j * angles), lambda *_: None, flow, list(fields))
     result, *others = (ends[k][0][1] for k in (paths.result, paths.embedded, paths.third) if k)
@@ -185,9 +185,9 @@ def _step(
 
 def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
     """Return the quotient of the estimates e1 and e2 of a part, or e1 alone if there is no e2."""
-    first, last = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
-    quotient = first / np.maximum(np.hypot(first, factor * last), 1e-300)
-    return np.asarray(first * quotient**power)
+    e1, e2 = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
+    quotient = e1 / np.maximum(np.hypot(e1, factor * e2), 1e-300)
+    return np.asarray(e1 * quotient**power)
 
 
 def _fields(
@@ -195,7 +195,7 @@ def _fields(
 ) -> tuple[Vector, Vector]:
     """Return the parts along X and V of fields at stages and of brackets: (n,), (n, angles).
 
-    Those of a Munthe-Kaas method are the derivatives κ of coordinates.
+    The parts of a Munthe-Kaas method are the derivatives κ of its coordinates.
     """
     paths, turn = paths_of(method), 1j * angles
     c = paths.abscissae
@@ -221,8 +221,7 @@ def _phi1(x: Vector) -> Vector:
 def _dexpinv(x: Vector, powers: int | None) -> Vector:
     if powers is None:
         return np.asarray(1 / _phi1(x))
-    terms = [float(term) for term in bernoulli_terms(powers)]
-    return polyval(x, terms)
+    return polyval(x, list(map(float, bernoulli_terms(powers))))
 
 
 @dataclass(frozen=True)
@@ -329,9 +328,8 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
             value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
             if value < -growth * below(middle):
                 return left
-    return (
-        roots[-1] if math.prod(_sign(factor.coeffs()[-1]) for factor in factors) < 0 else math.inf
-    )
+    sign_at_infinity = math.prod(_sign(factor.coeffs()[-1]) for factor in factors)
+    return roots[-1] if sign_at_infinity < 0 else math.inf
 
 
 def _sign(number: fmpq) -> int:

@@ -15,12 +15,12 @@ at nodes on an interpolant of lower order, until the order is reached (bootstrap
 K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta formulas", ACM TOMS 12
 (1986)). There are three kinds, linear in the unknown :math:`B`:
 
-- Those of a Munthe-Kaas method use its stages. The conditions are those of rooted trees t,
+- Interpolants of a Munthe-Kaas method use its stages. The conditions are those of rooted trees t,
   :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
   of all solutions the one of least norm is taken.
-- That of a collocation method is the collocation polynomial, of the order of its stages, since
-  further evaluations would not help where an equation is stiff.
-- Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method. Their
+- The interpolant of a collocation method is the collocation polynomial, of the order of its stages,
+  since further evaluations would not help where an equation is stiff.
+- Interpolants of other methods use the ends alone: :math:`u(1)` is found by Newton's method. Their
   conditions are those of quadrature, :math:`\sum_j b_j(\theta) \theta_j^{k-1} = \theta^k / k`.
 
 On a frame without brackets, and where a step of the second kind is too long for coordinates, the
@@ -135,11 +135,9 @@ def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
 
 def inner_nodes(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
-    step = 1
-    enough = max(2, max(method.order, method.embedded_order or 0) - 1)
+    step, enough = 1, max(2, method.order - 1, (method.embedded_order or 0) - 1)
     if isinstance(method, Splitting):
-        step = 2
-        enough = method.order + 1 if method.order > 2 else 2
+        step, enough = 2, method.order + 1 if method.order > 2 else 2
     return enough + (enough > 2 and evaluations_of_nodes(enough + 1, step) <= method.stages)
 
 
@@ -182,18 +180,16 @@ def _with_stages(method: MuntheKaas) -> Extension:
     trees = _Trees(order)
     a, b, c = method.a, method.b, method.c
     rows = list(a)
-    final = len(rows) - 1
     if not (c[-1] == 1.0 and np.array_equal(a[-1], b)):
         rows.append(b)
-        final += 1
-    known: Array = np.zeros((len(trees.size), 0))
+    final = len(rows) - 1
+    weights: Array = np.zeros((len(trees.size), 0))
     for row in rows:
-        known = trees.with_stage(known, row)
+        weights = trees.with_stage(weights, row)
     result = np.pad(b, (0, len(rows) - len(b)))
     # Conditions hold up to the rounding of the tableau itself.
-    solved = _SOLVED + 10.0 * np.abs(known @ result - 1.0 / trees.density)[
-        trees.size <= method.order
-    ].max(initial=0.0)
+    lower = trees.size <= method.order
+    rounding = np.abs(weights @ result - 1.0 / trees.density)[lower].max(initial=0.0)
     theta: list[float] = []
     reached, nodes = 3, _further_nodes()
     basis = _hermite(result, final)
@@ -202,9 +198,9 @@ def _with_stages(method: MuntheKaas) -> Extension:
             higher = trees.size <= reached + 1
             targets = _powers(reached + 1)[trees.size[higher] - 1] / trees.density[higher, None]
             higher_basis, residual = _solve(
-                known[higher], targets, np.pad(result, (0, len(theta))), final
+                weights[higher], targets, np.pad(result, (0, len(theta))), final
             )
-            if residual > solved:
+            if residual > _SOLVED + 10.0 * rounding:
                 break
             reached, basis = reached + 1, higher_basis
         if reached == order or len(theta) == _MAX_NODES:
@@ -212,7 +208,7 @@ def _with_stages(method: MuntheKaas) -> Extension:
         theta.append(next(nodes))
         row = _values(len(basis), theta[-1]) @ basis
         rows.append(row)
-        known = trees.with_stage(known, row)
+        weights = trees.with_stage(weights, row)
     return _extension(final, theta, rows[len(rows) - len(theta) :], basis)
 
 
@@ -251,20 +247,20 @@ class _Trees:
 
     def __init__(self, order: int) -> None:
         trees = rooted_trees_through(order)
-        place = {tree: i for i, tree in enumerate(trees)}
-        self.children = [[place[child] for child in tree] for tree in trees]
+        indices = {tree: i for i, tree in enumerate(trees)}
+        self.children = [[indices[child] for child in tree] for tree in trees]
         self.size = np.array(list(map(node_count, trees)))
         self.density = np.array(list(map(density, trees)), dtype=np.float64)
 
-    def with_stage(self, known: Array, row: Array) -> Array:
+    def with_stage(self, weights: Array, row: Array) -> Array:
         """Return the elementary weights of n + 1 derivatives, shape ``(trees, n + 1)``.
 
         The last derivative is evaluated at the coordinates with weights ``row``.
         """
-        k = min(known.shape[1], len(row))
-        ends = known[:, :k] @ row[:k]
+        k = min(weights.shape[1], len(row))
+        ends = weights[:, :k] @ row[:k]
         new = [math.prod(ends[children].tolist()) for children in self.children]
-        return np.column_stack([known, new])
+        return np.column_stack([weights, new])
 
 
 def _further_nodes() -> Iterator[float]:
@@ -292,29 +288,29 @@ def _hermite(result: Array, final: int) -> Array:
     return np.stack([result, first - result, 2.0 * result - first - last])
 
 
-def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Array, float]:
+def _solve(matrix: Array, targets: Array, result: Array, final: int) -> tuple[Array, float]:
     """Return the coefficients of least norm beyond the cubic of Hermite, and the residual."""
     basis = _hermite(result, final)
     if len(targets.T) > 3:
-        further = _minimum_norm(known, targets[:, 3:])
+        further = _minimum_norm(matrix, targets[:, 3:])
         # weights that are only rounding are set to zero
         used = np.abs(further).max(axis=1) > _NO_WEIGHT * np.abs(further).max()
-        further[used] = _minimum_norm(known[:, used], targets[:, 3:])
+        further[used] = _minimum_norm(matrix[:, used], targets[:, 3:])
         further[~used] = 0.0
         basis = np.concatenate([basis, further.T])
-    return basis, float(np.abs(known @ basis.T - targets).max())
+    return basis, float(np.abs(matrix @ basis.T - targets).max())
 
 
-def _minimum_norm(known: Array, targets: Array) -> Array:
-    solution = np.linalg.lstsq(known, targets, rcond=_NO_RANK)[0]
-    return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
+def _minimum_norm(matrix: Array, targets: Array) -> Array:
+    solution = np.linalg.lstsq(matrix, targets, rcond=_NO_RANK)[0]
+    return solution + np.linalg.lstsq(matrix, targets - matrix @ solution, rcond=_NO_RANK)[0]
 
 
 def _result_flows(method: Method, paths: MethodPaths) -> tuple[Array, Array]:
     """Return the flows to the result of a method, for fields that depend on time only.
 
     They are the abscissae of the stages that the flows use, and their weights in the flows, shape
-    ``(flows, stages)``; of a method with brackets those of another one.
+    ``(flows, stages)``. A method with brackets takes the flows of a method without them.
     """
     if paths.brackets:
         tables = map(stored_table, _WITH_FLOWS)

@@ -163,7 +163,7 @@ class MagnusMethod(Method):
 
     @property
     def _order_in_words(self) -> str:
-        if self.name == LOBATTO:  # that of its quadrature is that of the flow along a polynomial
+        if self.name == LOBATTO:  # only along polynomials it has the order of its quadrature
             return f"{2 * self.stages - 2} along a polynomial"
         return super()._order_in_words
 
@@ -178,8 +178,8 @@ class MagnusMethod(Method):
 
         With a third result the rows are the differences of the quadratures, where all values of
         `f` commute, of the first result from the second and from the third; where exponents are
-        compared each is followed by the rest, that of the brackets. Without a third result it is
-        the difference of the exponents, if there is one.
+        compared, each row is followed by a row for the brackets. Without a third result there is
+        one row, the difference of the exponents, if there is one.
         """
         third, stages = self.third_weights, len(self.nodes)
         if not self.embedded_weights or not (self.by_exponents or third):
@@ -199,10 +199,7 @@ class MagnusMethod(Method):
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        """The nodes and weights that aren't zero, flow after flow, those of both results.
-
-        Those of brackets follow the nodes.
-        """
+        """The nonzero nodes, weights of brackets, and weights of the flows of both results."""
         return tuple(a for row in self.rows for a in row if a.value != 0)
 
     @property

@@ -47,7 +47,7 @@ class Method(ABC):
     nominal_residual
         Upper bound of the absolute residuals through `nominal_order`.
     tree
-        The points of a step. Those of an implicit method depend on the unknown stages.
+        The points of a step. Points of an implicit method depend on the unknown stages.
     coefficients
         All coefficients, packed as `layout` describes.
     file
@@ -177,9 +177,7 @@ class Method(ABC):
 
     def table(self) -> MethodTable:
         """Return the constants that integrations read, compiled once."""
-        if self.stored:
-            return stored_table(self.name)
-        return self._compiled
+        return stored_table(self.name) if self.stored else self._compiled
 
     @cached_property
     def _compiled(self) -> MethodTable:
@@ -342,9 +340,9 @@ class Method(ABC):
         Returns
         -------
         tuple of Fraction
-            Of the ordered trees `cg.conditions.condition_trees`; of a `cg.MuntheKaas` the classical
-            ones. Those of a `cg.MagnusMethod` are Decimals of 50 digits, of words; see
-            `cg.Splitting.residuals` too.
+            One for each of the ordered trees `cg.conditions.condition_trees`; a `cg.MuntheKaas` has
+            the classical residuals. A `cg.MagnusMethod` has Decimals of 50 digits, one for each
+            word; see `cg.Splitting.residuals` too.
 
         Examples
         --------

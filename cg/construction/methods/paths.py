@@ -59,13 +59,13 @@ class Path:
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """A method as paths, with the other numbers and arrays of a record (`METHOD`).
+    """A method as paths, with the other fields of the structure `METHOD` of compiled code.
 
     Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
 
-    Of a pair `errors` are the weights of its second estimate. In place of these may be
-    `end_weights`, for which the end of the step is one more stage; `kink_weights` are last but one.
+    `errors` are the weights of the second estimate of a pair, or its `end_weights`, for which the
+    end of the step is one more stage; `kink_weights` are last but one.
     """
 
     paths: tuple[Path, ...]
@@ -95,7 +95,7 @@ class MethodPaths:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the record that compiled code reads."""
+        """The numbers among the fields of the structure `METHOD`, by name."""
         flows = [flow for path in self.paths for flow in path.flows]
         return {
             "paths": len(self.paths), "flows": len(flows), "terms": sum(map(len, flows)),
@@ -256,7 +256,7 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     nodes = method.abscissae
     if not 3 <= len(set(nodes)) == len(nodes):
         return None
-    coefficients = []  # those of Lagrange's polynomials, by powers of s = 2θ - 1
+    coefficients = []  # of Lagrange's polynomials, by powers of s = 2θ - 1
     for k, node in enumerate(nodes):
         row = [Fraction(1)]
         for other in nodes[:k] + nodes[k + 1 :]:

@@ -41,12 +41,8 @@ def take_paths(
 
 def with_weights(paths: MethodPaths, convert: Callable[[Fraction], Any]) -> MethodPaths:
     """Return the paths with converted weights, once for many steps."""
-    return replace(
-        paths,
-        paths=tuple(
-            replace(
-                path, flows=tuple(tuple((k, convert(w)) for k, w in terms) for terms in path.flows)
-            )
-            for path in paths.paths
-        ),
-    )
+    converted = []
+    for path in paths.paths:
+        flows = tuple(tuple((k, convert(w)) for k, w in terms) for terms in path.flows)
+        converted.append(replace(path, flows=flows))
+    return replace(paths, paths=tuple(converted))

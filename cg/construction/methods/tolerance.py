@@ -58,8 +58,7 @@ def tolerance(layout: Layout, coefficients: Sequence[Coefficient], order: int) -
         return np.zeros(conditions.count(order, independent=True))
     x = to_floats(coefficients)
     jacobian = conditions.jacobian(layout, x, order, independent=True)
-    bounds: Vector = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
-    return bounds
+    return np.asarray(TOLERANCE_FACTOR * (np.abs(jacobian) @ units))
 
 
 def to_floats(coefficients: Sequence[Coefficient]) -> Vector:

@@ -141,9 +141,7 @@ class Certificate(Box):
     @property
     def orders(self) -> tuple[int, ...]:
         """The orders of all rows of weights."""
-        if self.embedded_order is None:
-            return (self.order,)
-        return self.order, self.embedded_order
+        return (self.order, *([] if self.embedded_order is None else [self.embedded_order]))
 
     @property
     def complete(self) -> bool:
@@ -157,13 +155,13 @@ class Certificate(Box):
 
     @property
     def heading(self) -> str:
-        """What is proved, in a few words: ``"order 8 is proved"``, or ``"… in part"``."""
+        """The statement proved, in a few words: ``"order 8 is proved"``, or ``"… in part"``."""
         pair = f"({self.embedded_order})" if self.embedded_order else ""
         return f"order {self.order}{pair} is proved{'' if self.complete else ' in part'}"
 
     @property
     def statement(self) -> str:
-        """What is proved, in a clause."""
+        """The statement proved, as a clause."""
         if not self.radius:
             return "the stored coefficients satisfy all order conditions exactly"
         exact = f"coefficients within {_decimal(self.radius)} of the stored ones satisfy all"

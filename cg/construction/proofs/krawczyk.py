@@ -46,12 +46,8 @@ class KrawczykTest:
     @property
     def quantities(self) -> dict[str, float]:
         """The quantities of the test, for messages."""
-        return {
-            "radius": float(self.radius),
-            "ratio": self.ratio,
-            "correction": self.correction,
-            "contraction": self.contraction,
-        }
+        names = "radius", "ratio", "correction", "contraction"
+        return {name: float(getattr(self, name)) for name in names}
 
 
 def doubles(vectors: Iterable[Sequence[flint.arb]]) -> NDArray[np.float64]:

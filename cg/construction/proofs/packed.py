@@ -1,4 +1,4 @@
-"""What a certificate states: a method as a vector of coefficients, and its conditions as equations.
+"""The statements of certificates: methods as vectors of coefficients, conditions as equations.
 
 The coefficients y of the method, except those that `box` fixes, can be changed by at most
 ``box.radius`` so that all `conditions` of `orders` hold. The catalogue has a TOML file for each
@@ -234,7 +234,7 @@ class PackedSplitting(PackedMethod):
     """
 
     size: int  # number of coefficients, of the inner row alone in a composition
-    places: tuple[int, ...]  # indices of the coefficients in the order of a step
+    indices: tuple[int, ...]  # of the coefficients in the order of a step
     symmetric: bool
     inner: int | None  # the row of γ if this is a composition: 0 for drifts, 1 for kicks
 
@@ -242,20 +242,20 @@ class PackedSplitting(PackedMethod):
     def of(cls, method: Splitting, orders: Sequence[int]) -> PackedSplitting:
         """Pack a splitting method."""
         values = [x.value for x in method.coefficients]
-        symmetric, inner, places = values == values[::-1], None, range(len(values))
+        symmetric, inner, indices = values == values[::-1], None, range(len(values))
         for row, inside in enumerate((range(2, len(values) - 1, 2), range(1, len(values), 2))):
             if inside and values == _composed([values[k] for k in inside], row):
-                inner, places = row, inside
+                inner, indices = row, inside
                 break
-        size = len(places)
+        size = len(indices)
         if symmetric:
-            places = places[: (len(places) + 1) // 2]
-        packed = tuple(method.coefficients[k] for k in places)
-        return cls(method.name, packed, tuple(orders), size, tuple(places), symmetric, inner)
+            indices = indices[: (len(indices) + 1) // 2]
+        packed = tuple(method.coefficients[k] for k in indices)
+        return cls(method.name, packed, tuple(orders), size, tuple(indices), symmetric, inner)
 
     @property
     def names(self) -> list[str]:
-        return [f"{'dk'[k % 2]}_{k // 2}" for k in self.places]
+        return [f"{'dk'[k % 2]}_{k // 2}" for k in self.indices]
 
     @property
     def conditions(self) -> list[Condition]:
@@ -274,12 +274,12 @@ class PackedSplitting(PackedMethod):
 
         def residuals(z: Sequence[Any]) -> list[Any]:
             if composed:
-                known = _composition_residuals(self._mirrored(z), largest)
+                residual_of = _composition_residuals(self._mirrored(z), largest)
             else:
                 steps = self.spread(z)
                 values = nystrom_residuals(steps[::2], steps[1::2], largest)
-                known = dict(zip(trees, values, strict=True))
-            return [known[word] for _, word in conditions]
+                residual_of = dict(zip(trees, values, strict=True))
+            return [residual_of[word] for _, word in conditions]
 
         return PolynomialEquations(residuals)
 
@@ -384,8 +384,8 @@ def fitting(certificate: Certificate, method: Method) -> PackedMethod:
     packed = pack(method, orders)
     left_out = set(certificate.left_out)
     bounded = isinstance(packed, PackedWeights) or certificate.bound is not None
-    known = packed.conditions if bounded else []
-    if len(left_out) != len(certificate.left_out) or not left_out.issubset(known):
+    allowed = packed.conditions if bounded else []
+    if len(left_out) != len(certificate.left_out) or not left_out.issubset(allowed):
         raise CertificationError(
             "conditions that are left out must be distinct independent ones of these orders"
         )

@@ -4,11 +4,11 @@ The order isn't higher if a condition of the next one is violated: the lower bou
 1/γ(w)|`` over all coefficients in the box, in ball arithmetic, must be at least `_MIN_BOUND`. So it
 holds for the exact solution in the box, wherever that is.
 
-A proof of a zero is found by what to hold, what to leave out, and which radius. The pivots of a QR
-factorisation of the Jacobian choose the coefficients that move, those of the matrix of relations
-between residuals the conditions to leave out: both keep the remaining square Jacobian well
-conditioned, on which the radius of Krawczyk's test depends. Nothing here is trusted: `zero` proves
-what was found.
+To prove a zero, coefficients to hold, conditions to leave out and a radius are chosen. The pivots
+of a QR factorisation of the Jacobian choose the coefficients that move, the pivots of the matrix of
+relations between residuals choose the conditions to leave out: both keep the remaining square
+Jacobian well conditioned, on which the radius of Krawczyk's test depends. Nothing here is trusted:
+`zero` proves the zero again.
 """
 
 import math
@@ -67,9 +67,9 @@ def find_box(packed: PackedMethod, bits: int, complete: bool = False) -> Box:
     at_point = packed.system().linearise(packed.balls())
     check_places(packed, *at_point)
     jacobian = doubles(at_point[1].tolist())
-    outcome = _try(packed, [], at_point)
-    if isinstance(outcome, tuple):
-        return outcome[0]
+    proof, measures = _prove_without([], packed, at_point)
+    if proof is not None:
+        return proof[0]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
     message = f"{packed.name}: no zero of the conditions of order {packed.orders[0]} is proved"
@@ -86,9 +86,9 @@ def find_box(packed: PackedMethod, bits: int, complete: bool = False) -> Box:
         )
         if explained or not complete:
             left_out = pivots[:dependent] if explained else pivots[-dependent:]
-            outcome = _try(packed, left_out.tolist(), at_point)
-        if isinstance(outcome, tuple):
-            box, test = outcome
+            proof, measures = _prove_without(left_out.tolist(), packed, at_point)
+        if proof is not None:
+            box, test = proof
             if explained:
                 check_left_out(packed, box, test, bits)
                 return box
@@ -96,15 +96,15 @@ def find_box(packed: PackedMethod, bits: int, complete: bool = False) -> Box:
             largest = float(max_residual(packed, box, test, SMALL_PLACES, bits))
             exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
             return replace(box, bound=Decimal((0, (1,), exponent)))
-    raise CertificationError(message, **outcome)
+    raise CertificationError(message, **measures)
 
 
-def _try(
-    packed: PackedMethod, left_out: Sequence[int], at_point: Linearised
-) -> tuple[Box, KrawczykTest] | dict[str, float]:
-    """Return the box with a zero proved and its test, or quantities that tell why there is none.
+def _prove_without(
+    left_out: Sequence[int], packed: PackedMethod, at_point: Linearised
+) -> tuple[tuple[Box, KrawczykTest] | None, dict[str, float]]:
+    """Return a box with a zero of the other conditions and its test, or None, and quantities.
 
-    What the box says of the conditions left out isn't proved yet.
+    The quantities tell why there is no proof. Nothing is proved yet of the conditions left out.
     """
     omitted = [packed.conditions[k] for k in sorted(left_out)]
     system = packed.system(omitted)
@@ -132,8 +132,8 @@ def _try(
             held = sorted(set(range(len(packed.names))) - set(movable))
             fixed = tuple(packed.names[k] for k in held)
             radius = Decimal(f"{float(test.radius):.1e}")
-            return Box(radius, fixed, tuple(omitted)), test
-    return measures
+            return (Box(radius, fixed, tuple(omitted)), test), measures
+    return None, measures
 
 
 def certify(

@@ -83,8 +83,7 @@ def max_residual(
     places += _GUARD_PLACES
     with working_precision(bits_of(places, bits)):
         zero = zero_of(packed, box, test, places)
-        values = packed.equations(box.left_out).residuals(zero)
-        return max_abs(values)
+        return max_abs(packed.equations(box.left_out).residuals(zero))
 
 
 def bits_of(places: int, bits: int) -> int:

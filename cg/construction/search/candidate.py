@@ -28,10 +28,10 @@ from cg.support import quads
 from cg.support.checks import check_instance
 
 SOLVED = 1e-23
-"""Sum of squared residuals in double below which refinement finds an exact solution nearby; those
-of exact methods of the catalogue are below 1e-29."""
+"""Sum of squared residuals in double below which refinement finds an exact solution nearby; exact
+methods of the catalogue have sums below 1e-29."""
 
-# Estimates of pairs of the catalogue are 1e-3 or more, those of equal results rounding errors.
+# Estimates of pairs of the catalogue are 1e-3 or more; with equal results they are rounding errors.
 _MIN_ESTIMATE = 1e-5
 _SPREAD = 0.6  # noise of log f: a start with twice the f of another comes first once in five times
 _TRIES = 16  # starts to solve from before a walk leads elsewhere
@@ -116,9 +116,8 @@ def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
 def solved(candidate: Candidate) -> bool:
     """Return whether the conditions hold up to rounding errors of double precision."""
     # f is divided twice, since the square of large weights may overflow
-    return candidate.f / max(1.0, candidate.max_coefficient) <= SOLVED * max(
-        1.0, candidate.max_coefficient
-    )
+    size = max(1.0, candidate.max_coefficient)
+    return candidate.f / size <= SOLVED * size
 
 
 def _refined(candidate: Candidate) -> tuple[Refinement, NDArray[np.intp], float]:

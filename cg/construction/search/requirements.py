@@ -31,7 +31,7 @@ Bounds = tuple[tuple[str, float, float], ...]
 
 @dataclass(frozen=True)
 class Requirements:
-    """What the methods of a search must satisfy, and what is minimised; see `cg.search`."""
+    """Bounds that the methods of a search satisfy, and the objective; see `cg.search`."""
 
     bounds: Bounds = ()
     minimise: str | None = None

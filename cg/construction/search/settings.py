@@ -48,9 +48,9 @@ class StartSettings(NamedTuple):
     promising: float  # sum of squares below which the solver runs a second time
 
 
-# By structure and order, those of the highest one for all above. As many unknowns as equations take
-# up to three stages fewer, twelve with GENERAL in order 6, but then starts reach the solution set
-# too rarely. Untested are orders 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
+# By structure and order; higher orders take the settings of the highest one. As many unknowns as
+# equations would take up to three stages fewer, twelve with GENERAL in order 6, but starts rarely
+# reach the solution set then. Untested are orders 5 and 7 with STAGE_ORDER_TWO, and 7 with GENERAL.
 _STARTS = {
     Structure.GENERAL: {
         1: StartSettings(1, 1.0, 500, 1e-15),

@@ -26,14 +26,14 @@ def layout_of(tree: Any) -> Layout:
         check_tree(tree.tree)
         return Layout.of_tree(tree.tree)
     else:
-        layout = _layout_of_places(tree)
+        layout = _layout_of_lists(tree)
     if layout.rows is not None:
         raise MethodError("tree must be one of points, got the layout of a tableau")
     check_tree(layout.tree([1] * layout.size))  # type: ignore[list-item]
     return layout
 
 
-def _layout_of_places(tree: Any) -> Layout:
+def _layout_of_lists(tree: Any) -> Layout:
     expected = "a PointTree, or its parents, the points of stages and optional results"
     if isinstance(tree, str | bytes) or not isinstance(tree, Sequence):
         raise TypeError(f"tree must be {expected}, got {tree!r}")
@@ -72,8 +72,8 @@ def draw_layout(
     """
     inner, ends = flows - 1, stages - first_same_as_last
     for draw in count():
-        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, ends - 2)])]
-        at = sorted(int(m) for m in places[: ends - 1])
+        drawn = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, ends - 2)])]
+        at = sorted(int(m) for m in drawn[: ends - 1])
         back = random.random(flows) < _BACK
         if draw >= _FREE_DRAWS:
             back[1:] &= np.isin(np.arange(inner), at)

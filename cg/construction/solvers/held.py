@@ -59,18 +59,18 @@ class HeldValues:
     @classmethod
     def of(cls, hold: Hold, layout: Layout, zeros: Sequence[int] = ()) -> HeldValues:
         """Eliminate the equations of a layout, whose unknowns `zeros` are zero."""
-        places = {name: [k] for k, name in enumerate(layout.names)}
-        places |= {f"c_{r + 1}": layout.row(r) for r in range(layout.stages)}
+        unknowns = {name: [k] for k, name in enumerate(layout.names)}
+        unknowns |= {f"c_{r + 1}": layout.row(r) for r in range(layout.stages)}
         equations = [*((layout.names[k], "0") for k in zeros), *hold]
         for name, _ in equations:
-            if name not in places:
+            if name not in unknowns:
                 raise ValueError(
                     f"hold: there is no {name}; unknowns are {', '.join(layout.names)}, "
                     f"and abscissae c_1 to c_{layout.stages}"
                 )
         try:
             return cls.solving(
-                [(places[k], Fraction(value)) for k, value in equations], layout.size
+                [(unknowns[k], Fraction(value)) for k, value in equations], layout.size
             )
         except ArithmeticError as error:
             name, value = equations[error.args[1]]
@@ -155,7 +155,7 @@ def register_chain(stages: int, order: int, pair: bool) -> Layout:
 
 @dataclass(frozen=True, eq=False)
 class RegisterWeights:
-    """What the free weights of a chain determine, in the place of `HeldValues`.
+    """The weights that the free weights of a chain determine, in place of `HeldValues`.
 
     Point m of the chain is reached along ``h B_m Z_m`` with ``Z_m = A_m Z_(m-1) + F_m``, so that
     its weights w are those before it times one number, but the last one:

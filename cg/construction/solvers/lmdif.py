@@ -21,9 +21,9 @@ from cg.construction.layouts import Layout
 from cg.support import quads
 from cg.support.arrays import check_finite, real_array
 from cg.support.checks import MAX_COUNT, check_integer, check_real
+from cg.support.frozen import ReadOnly
 from cg.support.memory import check_memory
 from cg.support.parallel import StopFlag
-from cg.support.records import ReadOnly
 from cg.support.shared_numbers import LmdifStatus
 
 Vector = NDArray[np.float64]
@@ -141,13 +141,13 @@ def lmdif(
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
     n = start.size
-    limit = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
+    max_calls = 200 * (n + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
     arguments = (
         np.zeros(n) if diag is None else _scale_factors(diag, n),
         check_real("ftol", ftol),
         check_real("xtol", xtol),
         check_real("gtol", gtol),
-        limit,
+        max_calls,
         check_real("epsfcn", epsfcn),
         check_real("factor", factor, positive=True),
     )
@@ -184,17 +184,17 @@ def fit_lmdif(
 
 def _callback(f: Residual, start: Vector) -> tuple[Callable[[int, Vector, Vector], Vector], int]:
     """Return the function that compiled code calls, and its number of rows."""
-    first = _residuals(f, start, None)
-    rows = first.size
+    residuals = _residuals(f, start, None)
+    rows = residuals.size
     if rows < start.size:
         raise ValueError(
             f"f must return at least as many residuals as x0 has elements: "
             f"{rows} residuals, {start.size} unknowns"
         )
-    known = [first]  # the solver's first call is at the start
+    at_start = [residuals]  # the solver's first call is there
 
     def evaluate(operation: int, x: Vector, _: Vector) -> Vector:
-        return known.pop() if known else _residuals(f, x, rows)
+        return at_start.pop() if at_start else _residuals(f, x, rows)
 
     return evaluate, rows
 

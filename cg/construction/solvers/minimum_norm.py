@@ -112,28 +112,18 @@ def descend(
     largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
     improved, evaluations = True, 1
 
-    def after(step: Vector) -> Vector:
-        moved = x.copy()
-        moved[movable] += step
-        return moved
-
-    def damped(right: Vector) -> Vector:
-        """Return the solution v of ``(Jᵀ J + λ) v = -Jᵀ right``."""
-        factors = values / (values**2 + damping * values[0] ** 2)
-        return np.asarray(-axes.T @ (factors * (left.T @ right)))
-
     for _ in range(iterations):
         raise_if_stopped()
         if not ftol < f < np.inf or damping > largest:
             break
         if improved:
             jac = system.jacobian(x)[:, movable]
-            left, values, axes = linalg.svd(jac, full_matrices=False, check_finite=False)
-        v = damped(residual)
-        slope = (system.residual(after(_PROBE * v)) - residual) / _PROBE
-        a = damped(2 / _PROBE * (slope - jac @ v))
+            svd = linalg.svd(jac, full_matrices=False, check_finite=False)
+        v = _damped_step(svd, damping, residual)
+        slope = (system.residual(_moved(x, movable, _PROBE * v)) - residual) / _PROBE
+        a = _damped_step(svd, damping, 2 / _PROBE * (slope - jac @ v))
         bent = np.linalg.norm(a) > _MAX_BEND * np.linalg.norm(v)
-        trials = (after(v),) if bent else (after(v + a / 2), after(v))
+        trials = [_moved(x, movable, step) for step in ((v,) if bent else (v + a / 2, v))]
         best, improved, evaluations = x, False, evaluations + 1 + len(trials)
         for trial in trials:
             trial_residual = system.residual(trial)
@@ -152,6 +142,19 @@ def descend(
     if not f <= ftol and (damping > largest or not f < np.inf):
         status = MinimumNormStatus.NO_DESCENT if f < np.inf else MinimumNormStatus.NOT_FINITE
     return MinimumNormFit(x, f, evaluations, status)
+
+
+def _moved(x: Vector, movable: Indices, step: Vector) -> Vector:
+    moved = x.copy()
+    moved[movable] += step
+    return moved
+
+
+def _damped_step(svd: tuple[Vector, Vector, Vector], damping: float, right: Vector) -> Vector:
+    """Return the solution v of ``(Jᵀ J + λ) v = -Jᵀ right``, with ``λ = damping |J|²``."""
+    left, values, axes = svd
+    factors = values / (values**2 + damping * values[0] ** 2)
+    return np.asarray(-axes.T @ (factors * (left.T @ right)))
 
 
 def fit_conditions(

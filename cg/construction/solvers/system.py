@@ -142,7 +142,7 @@ class ConditionSystem:
 
     @cached_property
     def held(self) -> HeldValues | RegisterWeights | None:
-        """What is held beside zeros; None without `hold` and `registers`."""
+        """The equations held beside zeros; None without `hold` and `registers`."""
         if self.registers:
             return RegisterWeights(self.layout)
         return HeldValues.of(self.hold, self.layout, self.zeros) if self.hold else None

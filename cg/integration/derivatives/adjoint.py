@@ -3,8 +3,8 @@ r"""Gradients of costs of solutions by the adjoint equation.
 Derivatives of a solution satisfy :math:`\xi' = A \xi + B` for each parameter. The derivative of a
 cost with respect to the point at time t is a covector :math:`\lambda`, which satisfies
 :math:`\lambda' = -A^H \lambda` between output times and goes backward from the end. Its value at
-the start is the gradient with respect to the initial point, and :math:`\int \lambda^H B\,dt` that
-with respect to the parameters.
+the start is the gradient with respect to the initial point, and :math:`\int \lambda^H B\,dt` the
+gradient with respect to the parameters.
 
 `cg.integration.derivatives.adjoint_equation` solves it on intervals, which are the steps of the
 integration, divided at output times and at those of samples. The matrices of linear equations
@@ -45,16 +45,16 @@ from cg.integration.rhs.python import (
     when,
 )  # fmt: skip
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
-from cg.support.records import changed
+from cg.support.frozen import changed
 
-_FIXED_STEPS = 1e-11  # tolerance where the integration had none
-# Largest share of a cotangent along fields that don't move the point; differences have some
+_FIXED_STEPS = 1e-11  # tolerance for integrations with fixed steps, which have none
+# Largest share of a cotangent along fields that don't move the point: errors of differences
 _ISOTROPY = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Adjoint:
-    """What a solution with ``derivatives="adjoint"`` adds: gradients of a number.
+    """Gradients of functions of a solution, for ``derivatives="adjoint"``.
 
     Examples
     --------
@@ -219,15 +219,15 @@ class Adjoint:
         edges = np.concatenate([self._output.ts, self._times, *(curve.times for curve in curves)])
         sign = self._output._direction
         edges = np.unique(sign * edges)
-        first, last = sign * self._output.ts[0], sign * self._times[-1]
-        edges = edges[(edges >= first) & (edges <= last)]
-        if first == last:
+        start, stop = sign * self._output.ts[0], sign * self._times[-1]
+        edges = edges[(edges >= start) & (edges <= stop)]
+        if start == stop:
             edges = np.repeat(edges, 2)
         return solve(self._equation, sign * edges)
 
 
 def _map_arrays(function: Callable[..., Points], *results: Any) -> Any:
-    """Return results of a function of arrays, which tuples hold in the same places, or None."""
+    """Return nested tuples of results of a function of arrays at the same place of each tuple."""
     if isinstance(results[0], tuple):
         return tuple(_map_arrays(function, *arrays) for arrays in zip(*results, strict=True))
     return None if results[0] is None else function(*results)
@@ -289,8 +289,8 @@ def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> A
     linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
-        at, rest = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
-        return AdjointEquation(at, frame.point_shape, tolerance, count, inputs, *rest)
+        at, options = partial(linearisation, matrices), (matrices, frame.is_skew, sol)
+        return AdjointEquation(at, frame.point_shape, tolerance, count, inputs, *options)
     structure, brackets = structure_constants_of(frame), np.zeros((frame.dim,) * 3)
     i, j, k = structure.index
     brackets[i, k, j] = structure.constants
@@ -311,8 +311,7 @@ def _linearisation(
 
 def _coefficients(rhs: Rhs, times: Array, point: Points) -> Array:
     """Return the coefficients at times, shape ``(times, dim)``."""
-    values: Array = rhs.at_times(times, np.broadcast_to(point, (len(times), *point.shape)))
-    return values
+    return np.asarray(rhs.at_times(times, np.broadcast_to(point, (len(times), *point.shape))))
 
 
 def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points) -> Array:
@@ -331,9 +330,9 @@ def _derivative(rhs: Rhs, df_dp: Derivative | None, times: Array, point: Points)
         return call_rhs(rhs, address, data.ctypes.data, df_dp, times, points)
     numbers = parameters if inputs is None else inputs.data_with(parameters)
     assert numbers is not None
-    own = function.user_address
-    table = () if inputs is None or own else inputs.table(parameters)
-    values = function.values(df_dp, own or numbers.ctypes.data, times, points, table)
+    user_address = function.user_address
+    table = () if inputs is None or user_address else inputs.table(parameters)
+    values = function.values(df_dp, user_address or numbers.ctypes.data, times, points, table)
     return np.array([df_dp.check(value, t) for value, t in zip(values, times, strict=True)])
 
 

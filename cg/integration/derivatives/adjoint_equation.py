@@ -18,7 +18,7 @@ from cg.integration.output.solutions import DenseOutput
 from cg.integration.rhs.inputs import Inputs
 from cg.support.arrays import Array, Points
 
-_COUNT = 5  # nodes of an interval, of order ten
+_COUNT = 5  # nodes of an interval, where collocation has order ten
 _X, _W = np.polynomial.legendre.leggauss(_COUNT)
 _NODES, _WEIGHTS = (_X + 1) / 2, _W / 2
 # the matrix from values at the nodes to coefficients of Legendre polynomials
@@ -27,11 +27,11 @@ _TO_LEGENDRE = np.array([(2 * k + 1) * _WEIGHTS * Legendre.basis(k)(_X) for k in
 _INTEGRALS = (
     np.stack([1 - _NODES ** (k + 1) for k in range(_COUNT)], axis=1) / np.arange(1, _COUNT + 1)
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
-_BISECTIONS = 20  # most bisections of an interval
+_MAX_BISECTIONS = 20  # largest number of bisections of an interval
 _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
-_MAX_UNRESOLVED = 8  # intervals that aren't resolved, for each of the first ones
+_MAX_UNRESOLVED = 8  # largest number of unresolved intervals, per edge that `solve` is given
 _MIN_BISECTED = 64  # units of rounding of time in an interval that can be bisected
-_SAME_EDGE = 8  # such units between edges that coincide: nodes may round to either side
+_SAME_EDGE = 8  # units of rounding between edges that coincide: nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
 
@@ -57,19 +57,19 @@ class Gradient(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AdjointEquation:
-    """The equation of derivatives of a solution, and of covectors."""
+    """The adjoint equation of a solution, with the functions A and B of time."""
 
     # A and B at times, shapes (times, n, n) and (times, m, k); B is None without parameters and
     # inputs, which are the last of the k
     at: Callable[[Array], tuple[Points, Array | None]]
     shape: tuple[int, ...]  # shape of a covector
     tolerance: float
-    parameters: int | None = None  # their number, None without any
+    parameters: int | None = None  # number of parameters, None without any
     inputs: Inputs | None = None
     # A linear equation y' = A y has A = sum_m a_m G_m, and B are the derivatives of the a_m.
     generators: Points | None = None
-    skew: bool = False  # whether its matrices are skew-Hermitian
-    output: DenseOutput | None = None  # its solution
+    skew: bool = False  # whether the matrices G_m are skew-Hermitian
+    output: DenseOutput | None = None  # solution of the linear equation
 
     def gradient(self, start: Points, chunks: list[Intervals], ends: Points) -> Gradient:
         """Return the gradient from covectors at the first point and at the ends of intervals."""
@@ -103,7 +103,7 @@ class AdjointEquation:
 
 
 class Intervals(NamedTuple):
-    """Solved intervals."""
+    """Solved intervals, with maps of covectors and what the integrals of gradients need."""
 
     start: Array
     size: Array  # signed
@@ -121,7 +121,7 @@ def _collocate(matrix: Points, size: Array) -> tuple[Points, Array]:
     """Return maps of covectors from the end of intervals, and estimates of the errors at starts.
 
     The matrices have the shape ``(intervals, nodes, n, n)``, the maps ``(intervals, 1 + nodes, n,
-    n)``; the first one is that to the start.
+    n)``; the first map of an interval leads to its start, the others to its nodes.
     """
     count, n = len(matrix), matrix.shape[-1]
     adjoint = size[:, None, None, None] * matrix.conj().mT
@@ -140,25 +140,24 @@ def _collocate(matrix: Points, size: Array) -> tuple[Points, Array]:
 def _unresolved(values: Points) -> Array:
     """Return an estimate of the first coefficient that polynomials through the nodes leave out.
 
-    Values have the shape ``(intervals, nodes, ...)``. The error of collocation is about its square,
-    since it is multiplied by that of the solution.
+    Values have the shape ``(intervals, nodes, ...)``. The error of collocation is about the square
+    of the estimate: it is the product of the errors of both the slopes and the solution.
     """
     size = np.abs(np.tensordot(_TO_LEGENDRE, values, (1, 1))).max(axis=(2, 3))
     low, high = size[-4:-2].max(axis=0), size[-2:].max(axis=0)
-    estimate: Array = high * np.minimum(high / np.maximum(low, np.finfo(float).tiny), 1.0)
-    return estimate
+    return np.asarray(high * np.minimum(high / np.maximum(low, np.finfo(float).tiny), 1.0))
 
 
 def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
     """Return the intervals between times, bisected until the estimates are below the tolerance.
 
-    They aren't sorted. ValueError is raised if bisection doesn't lead there.
+    They aren't sorted. ValueError is raised if bisection doesn't reach the tolerance.
     """
     start, size = edges[:-1], np.diff(edges)
     span = abs(edges[-1] - edges[0])
     chunks: list[Intervals] = []
     chunk_size = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
-    for _ in range(_BISECTIONS + 1):
+    for _ in range(_MAX_BISECTIONS + 1):
         unresolved: list[Array] = []
         for first in range(0, len(start), chunk_size):
             chunk = slice(first, first + chunk_size)
@@ -187,9 +186,10 @@ def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
 def _solve_once(
     equation: AdjointEquation, start: Array, size: Array, span: float
 ) -> tuple[Intervals, Array]:
-    """Return solved intervals with estimates of the errors, in the whole span, of maps like each.
+    """Return solved intervals with estimates of their errors.
 
-    Errors of maps add up over the span. Those of integrals are relative to the largest integrand.
+    Errors of maps add up over the span, so that the estimate for an interval is that of the whole
+    span divided into intervals like it. Errors of integrals are relative to the largest integrand.
     """
     times = start[:, None] + size[:, None] * _NODES
     matrix, b = equation.at(times.ravel())

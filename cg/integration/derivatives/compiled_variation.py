@@ -23,7 +23,9 @@ from cg.support.shared_records import VARIATION, fields_of
 _ONE_SIDED_STEP = float(np.finfo(np.float64).eps) ** (1 / 2)
 
 
-class _Record(ctypes.Structure):
+class VariationRecord(ctypes.Structure):
+    """The record of a variational equation in compiled code."""
+
     _fields_ = fields_of(VARIATION)
 
 
@@ -80,24 +82,24 @@ def compiled_variation(
 
     The plan is that of the frame without derivatives.
     """
-    first, in_python, arrays = _shared_entries(equation, plan)
+    shared_record, in_python, arrays = _shared_entries(equation, plan)
     inputs, members = extra.inputs, extra.members or 1
-    first.inputs = 0 if inputs is None else inputs.width
+    shared_record.inputs = 0 if inputs is None else inputs.width
     plain_count = equation.parameter_count - equation.input_count
-    scales = np.zeros(plain_count + first.inputs)
+    scales = np.zeros(plain_count + shared_record.inputs)
     if inputs is not None:
         scales[plain_count:] = inputs.scales
-    first.scales = address(scales)
-    rows = np.zeros((members, 1 + plain_count + first.inputs))
+    shared_record.scales = address(scales)
+    rows = np.zeros((members, 1 + plain_count + shared_record.inputs))
     parameters, values = rows[:, 1 : 1 + plain_count], rows[0, 1 + plain_count :]
     count = members if in_python else 1
-    records = (_Record * count)(*[first] * count)
-    shared = extra  # with the parameters that compiled code changes for differences
+    records = (VariationRecord * count)(*[shared_record] * count)
+    call_arguments = extra  # with the parameters that compiled code changes for differences
     if extra.parameters is not None:
         parameters[...] = extra.parameters
-        shared = extra._replace(parameters=read_only(parameters))
-    contexts = _add_contexts(records, equation, in_python, shared, values)
-    size = ctypes.sizeof(_Record) if count > 1 else 0
+        call_arguments = extra._replace(parameters=read_only(parameters))
+    contexts = _add_contexts(records, equation, in_python, call_arguments, values)
+    size = ctypes.sizeof(VariationRecord) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
         None, CALL_VARIATIONAL, 0, form=RhsForm(equation.product), extra=extra, data=rows,
@@ -109,7 +111,7 @@ def _add_contexts(
     records: Any, equation: VariationalEquation, in_python: list[_Function],
     extra: ExtraArguments, values: Array,
 ) -> list[Any]:  # fmt: skip
-    """Put data of functions in Python into records, and return it."""
+    """Put the contexts of functions in Python into records; return them to keep them alive."""
     arguments = [extra.arguments(member) for member in range(len(records))]
     if extra.inputs is not None and equation.input_count and equation.df_dp is None:
         # compiled code changes the values for differences
@@ -117,15 +119,15 @@ def _add_contexts(
     # differences change parameters in place
     changing = equation.df_dp is None and equation.parameter_count > equation.input_count
     contexts = []
-    for record, rest in zip(records, arguments, strict=True):
+    for record, own in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
             frame = equation.product if name == "along" else equation.frame
             dtype = equation.form.dtype if check is equation.check else np.float64
             templates = templates_of(frame, shape, dtype)
-            context = call_context(function, rest, templates, check, changing)
-            place = ctypes.c_void_p(id(context))
-            contexts.append((context, place))
-            setattr(record, f"{name}_data", ctypes.addressof(place))
+            context = call_context(function, own, templates, check, changing)
+            pointer = ctypes.c_void_p(id(context))
+            contexts.append((context, pointer))
+            setattr(record, f"{name}_data", ctypes.addressof(pointer))
     return contexts
 
 
@@ -141,7 +143,7 @@ class _Function(NamedTuple):
 class _SharedEntries(NamedTuple):
     """The entries that the records of all members share."""
 
-    record: _Record  # lacks the data of functions in Python, which differ between members
+    record: VariationRecord  # lacks the data of functions in Python, which differ between members
     in_python: list[_Function]
     arrays: tuple[Any, ...]  # arrays that the record points to
 
@@ -150,7 +152,7 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
     """Return the entries of records that don't depend on parameters and inputs."""
     f, noise, structure = equation.f, equation.noise, equation.structure
     index, constant = structure.addresses
-    record = _Record(
+    record = VariationRecord(
         frame=plan.address, dimension=equation.frame.dim, width=plan.width,
         parameters=equation.parameter_count, constants=len(structure.constants),
         index=index, constant=constant, one_sided=equation.one_sided,

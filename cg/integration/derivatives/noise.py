@@ -1,4 +1,4 @@
-"""Covariances that are given: of initial points, and spectral densities of noise."""
+"""Checks of the user's covariances: of initial points, and spectral densities of noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.python import Derivative, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, real_array
 
-# relative to the largest entry or eigenvalue of a covariance: asymmetry and negative eigenvalues
+# largest asymmetry, and negative eigenvalue, relative to the largest entry or eigenvalue
 _COVARIANCE_ERROR = 1e-9
 
 

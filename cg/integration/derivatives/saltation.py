@@ -24,12 +24,12 @@ _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
 # the difference of order four to one side
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
-# Where one stop is nearer than this part of the time to the other, the short steps of central
-# differences have larger rounding errors than long ones to one side.
+# Central differences need a stop on neither side within their short steps. If the distances to both
+# stops have a smaller ratio than this, long steps to one side have smaller rounding errors.
 _MIN_CENTRAL = 2e-3
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
-# zeros at a stop are found within a part of a step, and no step is longer than the span
+# relative distance of a zero from a stop at which it was found: a part of a step, at most the span
 _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
@@ -41,8 +41,8 @@ class _Derivatives(NamedTuple):
     by_fields: Array  # shape (n, m)
     along: Array  # along the solution, shape (m,)
     by_parameters: Array  # shape (k, m)
-    max_slope: float  # between any two values along the solution
-    span: float  # largest difference between two of these values
+    max_slope: float  # largest slope between two values along the solution
+    span: float  # largest difference between two values along the solution
 
 
 class VariationalEvents:
@@ -200,8 +200,7 @@ class VariationalEvents:
             return equation.coefficients(t, y, arguments, whole=True)
         if equation.parameter_count:
             arguments = (*arguments[:-1], arguments[-1][None])
-        row: Array = equation.coefficients(np.array([t]), y[None], arguments, True)[0]
-        return row
+        return np.asarray(equation.coefficients(np.array([t]), y[None], arguments, True)[0])
 
     def _differentiate(
         self, function: Callable[[float, Points, tuple[Any, ...]], Array], t: float, y: Points,
@@ -216,8 +215,8 @@ class VariationalEvents:
         unit = min(unit, float(np.ptp(self.stops)) or max(abs(t), 1.0))
 
         def values_along(v: Array, time: float = 0.0, steps: Array = CENTRAL_STEPS) -> Array:
-            places = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
-            return np.array([function(*place, arguments) for place in places])
+            pairs = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
+            return np.array([function(*pair, arguments) for pair in pairs])
 
         by_fields = [
             CENTRAL_WEIGHTS @ values_along(size * e) / (_STEP * size)
@@ -241,13 +240,13 @@ class VariationalEvents:
         """Return the unit of differences by time, at most ``unit``, their steps and weights."""
         steps, weights = CENTRAL_STEPS, CENTRAL_WEIGHTS
         elapsed, remaining = self._room(t, arguments)
-        least, most = sorted((elapsed, remaining))
+        near, far = sorted((elapsed, remaining))
         # steps reach two units to both sides, or four units to one, and stay a hundredth within
-        if least >= _MIN_CENTRAL * most:
-            unit = min(unit, least / (2.02 * _STEP))
+        if near >= _MIN_CENTRAL * far:
+            unit = min(unit, near / (2.02 * _STEP))
         else:  # near a stop
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
-            unit = min(unit, most / (4.04 * _STEP))
+            unit = min(unit, far / (4.04 * _STEP))
             unit = unit if remaining > elapsed else -unit
         unit = ((t + _STEP * unit) - t) / _STEP or unit  # without rounding of times
         return unit, steps, weights
@@ -260,5 +259,5 @@ class VariationalEvents:
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
             return elapsed, remaining
-        first, last = reader.inputs.span
-        return min(elapsed, max(t - first, 0.0)), min(remaining, max(last - t, 0.0))
+        start, stop = reader.inputs.span
+        return min(elapsed, max(t - start, 0.0)), min(remaining, max(stop - t, 0.0))

@@ -43,11 +43,11 @@ class VariationalEquation:
     :math:`A \xi` are the first two terms; without noise there is no C.
     """
 
-    form: RhsForm  # that of ``f``
+    form: RhsForm  # the form of results of ``f``
     f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
-    parameter_count: int  # with inputs if there are derivatives with respect to them
+    parameter_count: int  # number of parameters, with values of inputs if they have derivatives
     vectorized: bool = False  # whether the functions take points of several members in one call
     input_count: int = 0  # number of the parameters that are values of inputs
     noise: Derivative | Array | None = None  # spectral density of noise
@@ -103,11 +103,11 @@ class VariationalEquation:
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n, chosen = self.frame.dim, self.chosen
-        numbers = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
+        doubles = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
         z = np.empty((len(y), *self.product.point_shape))
-        z[:, : numbers.shape[1]] = numbers
+        z[:, : doubles.shape[1]] = doubles
         x = np.eye(n, self.column_count) if chosen is None else chosen[:n]
-        z[:, numbers.shape[1] :] = x.ravel()
+        z[:, doubles.shape[1] :] = x.ravel()
         return z
 
     def split(self, z: Array) -> tuple[Points, Array]:
@@ -268,7 +268,7 @@ def parameter_differences(
 
 
 def count_parameters(rhs: Rhs, df_dp: Any, by_inputs: bool) -> tuple[int, int]:
-    """Return how many numbers derivatives are with respect to, and how many of inputs.
+    """Return the number of parameters of derivatives, values of inputs included, and of these.
 
     ValueError is raised if parameters aren't finite, or there are none for ``df_dp``.
     """

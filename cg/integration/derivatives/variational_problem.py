@@ -23,7 +23,7 @@ from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
 from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of, when
 from cg.support.arrays import Array, Points, check_finite, read_only, real_array
-from cg.support.records import changed
+from cg.support.frozen import changed
 from cg.tables import Kind
 
 
@@ -103,16 +103,16 @@ class DerivativeSplitter:
         }
         fields["dt_events"] = [
             [
-                tables[member].time_derivatives(index, *at, problem.arguments(member))
-                for member, at in enumerate(zip(times, points, strict=True))
+                tables[member].time_derivatives(index, *times_and_points, problem.arguments(member))
+                for member, times_and_points in enumerate(zip(times, points, strict=True))
             ]
             for index, (times, points) in enumerate(zip(*events, strict=True))
         ]
         return fields
 
 
-# Tolerances of derivatives in those of the solution, without ``control_derivatives``: steps are
-# hardly shorter, and are not too long for derivatives where the solution itself is simple
+# Ratio of the tolerances of derivatives to those of the solution without ``control_derivatives``:
+# steps are hardly shorter, and not too long for derivatives where the solution itself is simple
 _TOLERANCE_RATIO = 10.0
 # the least tolerance of derivatives for which one-sided differences are exact enough
 _MIN_ONE_SIDED = 9e-7
@@ -174,11 +174,11 @@ def _check_problem(problem: Problem, options: Options) -> None:
                 "method must not be a splitting method with derivatives='adjoint' or noise, got "
                 f"{table!r}"
             )
-        for name, what in (("gyroscopic", "gyroscopic forces"), ("jointed", "joints")):
+        for name, label in (("gyroscopic", "gyroscopic forces"), ("jointed", "joints")):
             if getattr(frame, name, None):
                 raise ValueError(
                     "method must not be a splitting method with derivatives of motion with "
-                    f"{what}, got {table!r}"
+                    f"{label}, got {table!r}"
                 )
     if not facts_of(frame).has_brackets:
         raise ValueError(
@@ -250,10 +250,10 @@ def _tolerances(
     plan, control, n = problem.plan, problem.control, equation.frame.dim
     tolerances, in_coordinates = np.array([control.rtol, control.atol]), problem.in_coordinates
     tolerances = tolerances.reshape(2, -1)
-    rows = tolerances if in_coordinates else tolerances.min(axis=1, keepdims=True)
+    derivative_rows = tolerances if in_coordinates else tolerances.min(axis=1, keepdims=True)
     if not control_derivatives:  # derivatives are of size one at first, also with atol = 0
-        rows = _TOLERANCE_RATIO * np.maximum(rows, tolerances[0].min())
-    elif not rows.min() > 0.0:
+        derivative_rows = _TOLERANCE_RATIO * np.maximum(derivative_rows, tolerances[0].min())
+    elif not derivative_rows.min() > 0.0:
         raise ValueError(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
             f"got {control.atol}"
@@ -261,13 +261,13 @@ def _tolerances(
     # the square of the norm of the whole error is then the sum of those of both parts
     count, others = n if in_coordinates else plan.width, n * equation.column_count
     share = math.sqrt(count / (count + others))
-    # the norm of entries is that of numbers now, and not of complex entries
+    # errors of a complex entry now count as two real numbers
     complexity = 1.0 if in_coordinates else math.sqrt(plan.reals_per_entry)
     point = tolerances * [[share], [share / complexity]]
-    rows = math.sqrt(others / (count + others)) * rows
+    derivative_rows = math.sqrt(others / (count + others)) * derivative_rows
     both = np.empty((2, count + others))
     both[:, :count] = point.repeat(count // point.shape[1], axis=1)
-    both[:, count:] = rows.repeat(others // rows.shape[1], axis=1)
+    both[:, count:] = derivative_rows.repeat(others // derivative_rows.shape[1], axis=1)
     return both[0], both[1]
 
 

@@ -16,7 +16,7 @@ from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
 from cg.support.arrays import Array, Points, clipped, read_only, real_array, texts_of
-from cg.support.records import ReadOnly, filled
+from cg.support.frozen import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
 from cg.tables import MethodTable, source_method
@@ -40,15 +40,15 @@ class Interpolants:
         rows = slice(*np.searchsorted(members, [member + 1, member + 2]).tolist())
         return Interpolants(self.plan, self.rows[rows])
 
-    def at(self, which: NDArray[np.intp], t: Array) -> Points:
-        """Return points at times within steps, shape ``(n, *point_shape)``."""
+    def at(self, steps: NDArray[np.intp], t: Array) -> Points:
+        """Return points at times within steps, by indices of steps, shape ``(n, *point_shape)``."""
         plan = self.plan
         start, size = InterpolantColumn.START, InterpolantColumn.SIZE
-        theta = np.clip((t - self.rows[which, start]) / self.rows[which, size], 0.0, 1.0)
+        theta = np.clip((t - self.rows[steps, start]) / self.rows[steps, size], 0.0, 1.0)
         rows = np.full((len(t), plan.width), math.nan)
         callbacks = None if plan.compiled else Callbacks(plan)
         if plan.interpolant_vectors and len(t) and plan.core.plan_interpolate(
-            plan.address, 0 if callbacks is None else id(callbacks), which, theta,
+            plan.address, 0 if callbacks is None else id(callbacks), steps, theta,
             self.rows.T, rows.T,
         ):  # fmt: skip
             raise MemoryError("there is not enough memory to evaluate the solution")
@@ -63,13 +63,13 @@ def _range(times: Array) -> str:
 class DenseOutput(ReadOnly):
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
-    That of ``"RadauIIA5"`` is of order three between steps. It doesn't call ``f``. With
+    The solution of ``"RadauIIA5"`` is of order three between steps. ``f`` isn't called. With
     ``derivatives="forward"`` derivatives are functions of time as well.
 
     Parameters
     ----------
     interpolants
-        Those of all steps.
+        The interpolants of all steps.
     t0
         Initial time.
     direction
@@ -164,10 +164,9 @@ class DenseOutput(ReadOnly):
 
     def _evaluate(self, flat: Array) -> Points:
         if len(self.ts) == 1:
-            points: Points = np.repeat(self._y0[None], flat.size, axis=0)
-            return points
-        which = np.searchsorted(self._direction * self.ts, self._direction * flat) - 1
-        points = self._interpolants.at(np.maximum(which, 0), flat)
+            return np.asarray(np.repeat(self._y0[None], flat.size, axis=0))
+        steps = np.searchsorted(self._direction * self.ts, self._direction * flat) - 1
+        points = self._interpolants.at(np.maximum(steps, 0), flat)
         for time, point in zip(*(self._marks or ((), ())), strict=True):
             points[flat == time] = point
         return points
@@ -216,7 +215,7 @@ _DERIVATIVES = "transition", "sensitivity", "covariance"
 
 @dataclass(frozen=True, eq=False)
 class _SolutionBase(ReadOnly):
-    """What is known of a solution, with an axis for members if there are many."""
+    """The fields of a `Solution` and of an `EnsembleSolution`, which has an axis for members."""
 
     t: Array
     y: Points
@@ -294,7 +293,7 @@ class Solution(_SolutionBase):
     h
         Absolute size of equal steps, None for adaptive ones.
     observed
-        What ``observe`` returned at the times ``t``, shape ``(n, ...)``, or None.
+        The values of ``observe`` at the times ``t``, shape ``(n, ...)``, or None.
     transition
         With ``derivatives="forward"``, else None as the following: derivatives of the coordinates
         of ``y`` with respect to those of ``y0``, shape ``(n, dim, dim)``, read-only.
@@ -395,7 +394,7 @@ class EnsembleSolution(_SolutionBase):
     method, frame, h
         As those of `Solution`.
     observed
-        What ``observe`` returned, shape ``(n, members, ...)``, or None.
+        The values of ``observe``, shape ``(n, members, ...)``, or None.
     transition, sensitivity, covariance
         As those of `Solution`, with the members as second axis; NaN at times that a member didn't
         reach.
@@ -431,7 +430,7 @@ class EnsembleSolution(_SolutionBase):
         if not isinstance(member, int | np.integer) or member not in allowed:
             error = IndexError if isinstance(member, int | np.integer) else TypeError
             raise error(f"member must be an integer in {allowed}, got {member!r}")
-        member = range(len(self))[member]  # which takes negative ones
+        member = range(len(self))[member]  # from 0, also if it was negative
         counts = [getattr(self, name).item(member) for name in COUNTS]
         ends = self._direction, self.t_end.item(member), self.status.item(member), counts
         fields = member_fields(self, member, *ends)

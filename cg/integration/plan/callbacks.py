@@ -32,7 +32,7 @@ class Jacobian:
     sparse: bool = False  # whether the function returns sparse matrices of SciPy
     constant: bool = False  # whether a matrix was given, which isn't counted as evaluated
     lanes: int = 1  # how many members are integrated at the same time
-    # members have their sparse matrix and its factors here, the latest used last
+    # the sparse matrix and its factors by member, the latest used last
     kept: dict[int, list[Any]] = field(default_factory=dict)
 
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
@@ -85,12 +85,12 @@ class Jacobian:
         return np.zeros(1)
 
     def solve(self, member: int, b: Array) -> Array:
-        """Return the solution of the real or, of twice as many numbers, the complex system."""
-        _, first, second = self.kept[member]
+        """Return the solution of the real system, or of the complex one if b has 2 n numbers."""
+        _, real_solver, complex_solver = self.kept[member]
         n = self.derivative.frame.dim
         if len(b) == n:
-            return np.asarray(first.solve(b))
-        x = second.solve(b[:n] + 1j * b[n:])
+            return np.asarray(real_solver.solve(b))
+        x = complex_solver.solve(b[:n] + 1j * b[n:])
         return np.concatenate([x.real, x.imag])
 
 
@@ -123,9 +123,9 @@ class Callbacks:
     Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles; the result is
     a vector.
 
-    ``last_error`` is the last exception that compiled code treats as a step that is too long;
-    ``failed_event`` the name of an event's function that raised an exception, its time and member,
-    None if there were several.
+    ``last_error`` is the last exception that compiled code treats as a step that is too long.
+    ``failed_event`` has the name of an event's function that raised an exception, the time, and the
+    member, which is None if the function took several members.
     """
 
     def __init__(
@@ -146,11 +146,11 @@ class Callbacks:
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""
-        answer = HANDLERS[operation](self, a, b)
-        if isinstance(answer, float):
-            return answer
-        answer = np.ascontiguousarray(answer)
-        return answer.reshape(-1).view(np.float64) if answer.dtype.kind == "c" else answer.ravel()
+        result = HANDLERS[operation](self, a, b)
+        if isinstance(result, float):
+            return result
+        result = np.ascontiguousarray(result)
+        return result.reshape(-1).view(np.float64) if result.dtype.kind == "c" else result.ravel()
 
     def _point(self, y: Array) -> Points:
         return y.view(self.frame.dtype).reshape(self.frame.point_shape)
@@ -182,9 +182,9 @@ class Callbacks:
         frame = self.frame
         if not (np.isfinite(a).all() and np.isfinite(end).all()):
             return np.full(frame.dim, np.nan)
-        point, path = self._point(a[: len(end)]), a[len(end) :].reshape(-1, frame.dim)
+        point, flows = self._point(a[: len(end)]), a[len(end) :].reshape(-1, frame.dim)
         v = np.zeros(frame.dim)
-        if len(path) and (composed := usable_or_zero(frame._composed(path))).any():
+        if len(flows) and (composed := usable_or_zero(frame._composed(flows))).any():
             moved = self._flow(composed, point.view(np.float64).ravel())
             if np.isfinite(moved).all():
                 point, v = moved, composed
@@ -206,7 +206,7 @@ class Callbacks:
 
     def _evaluate(self, a: Array, y: Array) -> Any:
         t, members = a.reshape(2, -1)
-        return self.rhs.answers(t, members.astype(np.intp), self._points(y))
+        return self.rhs.results(t, members.astype(np.intp), self._points(y))
 
     def _call_vectorized_event(self, a: Array, y: Array) -> Any:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)

@@ -22,7 +22,7 @@ from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 from cg.tables import Kind, MethodTable
 
-_MAX_PLANS = 64  # number that are kept for a frame
+_MAX_PLANS = 64  # number of plans that are kept for a frame
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
@@ -57,12 +57,12 @@ class Plan:
 
     def _open(self) -> int:
         """Open the plan in compiled code and return its address."""
-        frame, table, known = self.frame, self.step_table, self._blocks
-        if known is None:
+        frame, table, described = self.frame, self.step_table, self._blocks
+        if described is None:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
             constants = frame.turning_coefficients()
         else:
-            blocks, constants = describe_blocks(known).copy(), constants_of(known)
+            blocks, constants = describe_blocks(described).copy(), constants_of(described)
         if table.is_polynomial or not table.explicit:
             provide_lapack()
         if table.is_polynomial:
@@ -148,5 +148,5 @@ def plan_of(frame: Frame, table: MethodTable, user_frame: Frame | None = None) -
     if plan is None:
         if len(plans) >= _MAX_PLANS:  # threads may add a few more
             plans.pop(next(iter(plans)), None)
-        plan = plans[key] = Plan(frame, table, user_frame)  # which keeps the table alive
+        plan = plans[key] = Plan(frame, table, user_frame)  # a plan keeps its table alive
     return plan

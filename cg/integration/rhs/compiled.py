@@ -16,13 +16,13 @@ from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
 from cg.support.arrays import Array, Points
 from cg.support.capsules import address_in, data_in
-from cg.support.records import changed
+from cg.support.frozen import changed
 
 SIGNATURE = "int (double, double *, double *, void *)"
-"""What a compiled right-hand side must be; ``const`` may stand anywhere."""
+"""The type of compiled right-hand sides in C; ``const`` may stand anywhere."""
 
 EVENT_SIGNATURE = "double (double, double *, void *)"
-"""What a compiled event must be; ``const`` may stand anywhere."""
+"""The type of compiled events in C; ``const`` may stand anywhere."""
 
 _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
@@ -36,23 +36,24 @@ class CompiledRhs:
     user_address: int  # address passed as its last argument, or 0
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
-    form: RhsForm | None = None  # that of its results
+    form: RhsForm | None = None  # the form of its results
     extra: ExtraArguments = NO_EXTRA  # without args
     source: Any = None  # the pointer made of ``function``, kept alive as well
     # the parameters of each member with room for the inputs, passed in place of ``user_data``
     data: Any = None
 
     vectorized: ClassVar[bool] = False
+    writes_results: ClassVar[bool] = True  # whether functions of the user write their results
 
     def on_form(self, form: RhsForm) -> CompiledRhs:
-        """Return the function on another frame of the same points."""
+        """Return the function as a right-hand side of a form."""
         return changed(self, form=form)
 
-    def on(self, form: RhsForm, extra: ExtraArguments = NO_EXTRA) -> CompiledRhs:
-        """Return the right-hand side of a form, with parameters and inputs.
+    def with_data(self, extra: ExtraArguments) -> CompiledRhs:
+        """Return the right-hand side with parameters and inputs, such as those of other members.
 
-        ValueError is raised if there are parameters or inputs and user's data, or if there are none
-        and the function's last argument is a pointer to doubles.
+        ValueError is raised if there are args, if there are parameters or inputs and the user's
+        data, or if there is none of these and the function's last argument points to doubles.
         """
         if extra.inputs is not None and self.user_address:
             raise ValueError(
@@ -69,10 +70,6 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return changed(self, form=form).with_data(extra)
-
-    def with_data(self, extra: ExtraArguments) -> CompiledRhs:
-        """Return the right-hand side with the parameters and inputs of other members."""
         if extra.args:
             raise ValueError(
                 f"args must be None for a compiled {self.name}, whose numbers are parameters, "
@@ -100,21 +97,18 @@ class CompiledRhs:
         """Return the name of the function that failed last, of a member."""
         return self.name
 
-    writes_results = True  # whether functions of the user write their results
-
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
         assert self.form is not None
-        return self.form.complete(self.answer(member, t, y), y)
+        return self.form.complete(self.result(member, t, y), y)
 
-    def answer(self, member: int, t: float, y: Points) -> Array:
+    def result(self, member: int, t: float, y: Points) -> Array:
         """Return the result of the function for a member."""
         _, data, distance = self.addresses()
         if (inputs := self.extra.inputs) is not None:
             row = self.data[member if distance else 0]
             row[-inputs.width :] = self.extra.arguments(member)[0].numbers(t)
-        value: Array = self.values(self.form, data + member * distance, t, y[None])[0]
-        return value
+        return np.asarray(self.values(self.form, data + member * distance, t, y[None])[0])
 
     def at_times(self, times: Array, y: Points) -> Array:
         """Return the results for a single member at times and points."""
@@ -122,9 +116,9 @@ class CompiledRhs:
         table = () if inputs is None else inputs.table(self.extra.parameters)
         return self.values(self.form, self.data_address, times, y, table)
 
-    def values(self, form: Any, data: int, *rest: Any) -> Array:
-        """Return the results at several points; ``form`` and ``rest`` are those of `call_rhs`."""
-        return call_rhs(self, self.address, data, form, *rest)
+    def values(self, form: Any, data: int, *arguments: Any) -> Array:
+        """Return the results at several points, see `call_rhs` for ``form`` and ``arguments``."""
+        return call_rhs(self, self.address, data, form, *arguments)
 
 
 def call_rhs(
@@ -139,8 +133,8 @@ def call_rhs(
     points = np.array(y, dtype=form.frame.dtype, order="C")  # the function may overwrite them
     values: Array = np.empty((len(y), *form.shape), form.dtype)
     rows, results = (x.reshape(len(y), -1).view(np.float64) for x in (points, values))
-    place = table.ctypes.data if len(table) else 0
-    done, code = core.call_rhs(address, data, 0, place, len(table), t, rows.T, results.T)
+    table_address = table.ctypes.data if len(table) else 0
+    done, code = core.call_rhs(address, data, 0, table_address, len(table), t, rows.T, results.T)
     if code:
         time, name = float(np.ravel(t)[done if np.ndim(t) else 0]), rhs.failed_name(0)
         raise RuntimeError(f"{name} returned the error code {code} at t = {time:.17g}")
@@ -150,7 +144,7 @@ def call_rhs(
 def _restored(function: Any, name: str, form: RhsForm | None, extra: ExtraArguments) -> CompiledRhs:
     rhs = compiled_rhs(function, name)
     assert rhs is not None
-    return rhs if form is None else rhs.on(form, extra)
+    return rhs if form is None else rhs.on_form(form).with_data(extra)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

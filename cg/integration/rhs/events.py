@@ -21,7 +21,7 @@ from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.python import Contexts, Rhs, read_finite, read_value
 from cg.support.arrays import Array, Points, read_only, real_array
 from cg.support.checks import NO_LIMIT, check_choice, check_flag, check_number, check_real
-from cg.support.records import filled
+from cg.support.frozen import filled
 from cg.support.shared_records import EVENT, OBSERVER, columns_of, fields_of
 
 
@@ -93,10 +93,10 @@ class Event:
         self._check("event")
 
     def _check(self, name: str) -> tuple[int, int]:
-        """Return after how many times the event is terminal, and the sign of its direction."""
+        """Return how many times the event may happen before it ends the run, and its sign."""
         if not callable(self.function) and compiled_event(self.function) is None:
-            what = "function" if name == "event" else name
-            raise TypeError(f"{what} must be callable as event(t, y), got {self.function!r}")
+            label = "function" if name == "event" else name
+            raise TypeError(f"{label} must be callable as event(t, y), got {self.function!r}")
         if self.jump is not None and not callable(self.jump):
             raise TypeError(f"{name}.jump must be callable as jump(t, y), got {self.jump!r}")
         terminal = self.terminal
@@ -124,8 +124,8 @@ class Event:
 class EventTable:
     """The events of one integration, after checking.
 
-    With ``inputs`` functions in Python get those of a `Reader`, and with ``parameters`` a row of
-    these. If ``f`` is ``in_python``, compiled functions don't get its data, and have to have data
+    With ``inputs`` functions in Python get the inputs of a `Reader`, and with ``parameters`` a row
+    of parameters. If ``f`` is ``in_python``, compiled functions can't read its data, and need data
     of their own in place of inputs and parameters.
 
     ``rows`` is the table that compiled code reads, with the entries of `EVENT`.
@@ -213,7 +213,7 @@ class EventTable:
         return values
 
     def wrapped(self, index: int, value: float) -> float:
-        """Return a value of an event's function, next to zero if it has a period."""
+        """Return a value of an event's function, moved by periods to the value nearest to zero."""
         period = self.events[index].period
         return value if period is None else math.remainder(value, period)
 
@@ -253,7 +253,7 @@ class ObserverRecord(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """What is evaluated at output times, after checking."""
+    """A function that is evaluated at output times, after checking."""
 
     function: Any  # in Python, or a list of compiled ones
     frame: Frame  # frame of the points that it is given
@@ -261,14 +261,14 @@ class Observer:
     keeps_points: bool  # whether the points are stored as well
 
     name: ClassVar[str] = "observe"  # name of the argument
-    entry: ClassVar[str] = "observer"  # its name in the record of a run
+    entry: ClassVar[str] = "observer"  # name of its entry in the record of a run
 
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
         return read_finite(value, self.name, self.shape, t)
 
-    def record(self, rhs: Rhs) -> ObserverRecord:
-        """Return the record in compiled code, which keeps alive what it refers to."""
+    def make_record(self, rhs: Rhs) -> ObserverRecord:
+        """Return the record in compiled code; it keeps alive the objects whose addresses it has."""
         kept: Any
         if isinstance(self.function, list):
             data, stride = 0, 0
@@ -293,7 +293,7 @@ class Observer:
 
     @property
     def count(self) -> int:
-        """Numbers at a time."""
+        """Number of values at one time."""
         return math.prod(self.shape)
 
 

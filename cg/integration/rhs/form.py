@@ -1,4 +1,4 @@
-"""What right-hand sides return: coefficients of fields, or derivatives of points."""
+"""The form of right-hand sides: coefficients of fields, or derivatives of points."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def templates_of(
 
 
 class RhsForm:
-    """What right-hand sides return on a frame: at a point an array of ``shape`` and ``dtype``."""
+    """The form of right-hand sides on a frame: ``shape`` and ``dtype`` of a result."""
 
     def __init__(self, frame: Frame, derivatives: bool = False) -> None:
         self.frame, self.derivatives = frame, derivatives
@@ -26,7 +26,7 @@ class RhsForm:
         self.templates = templates_of(frame, self.shape, self.dtype)
 
     def complete(self, f: Points, y: Points) -> Array:
-        """Return all coefficients, shape ``(..., dim)``, of what is returned at points."""
+        """Return all coefficients, shape ``(..., dim)``, for results f at points y."""
         if self.derivatives:
             return self.frame._coefficients(y, f)[0]
         return self.frame.complete_rhs(f, y)

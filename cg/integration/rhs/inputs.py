@@ -16,11 +16,11 @@ from cg.support.arrays import Array, check_finite, real_array
 from cg.support.shared_records import INPUT, columns_of
 from cg.tables import MethodTable
 
-_ABSCISSA_ERROR = 1e-15  # largest one from rounding
+_ABSCISSA_ERROR = 1e-15  # largest rounding error of an abscissa
 
 
 def address(array: Any) -> int:
-    """Return the address of an array, in less time than its ``ctypes`` takes if it is writeable."""
+    """Return the address of an array, for a writeable one in less time than ``ctypes`` takes."""
     if array.flags.writeable and array.size:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     return int(array.ctypes.data)
@@ -52,11 +52,14 @@ class Inputs:
     @property
     def span(self) -> tuple[float, float]:
         """The times between which all inputs are known."""
-        first = max(float(curve.times[0]) for curve in self.curves)
-        return first, min(curve.end for curve in self.curves)
+        start = max(float(curve.times[0]) for curve in self.curves)
+        return start, min(curve.end for curve in self.curves)
 
     def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
-        """Return sums over times of derivatives by all inputs, shape (times, width), by values."""
+        """Return the derivatives of a sum over times with respect to the values of the samples.
+
+        ``by_inputs`` has those of its terms with respect to the inputs, shape (times, width).
+        """
         sums = tuple(curve.by_values(t, rows) for curve, rows in self._by_curve(by_inputs))
         return sums if self.in_tuple else sums[0]
 
@@ -66,7 +69,7 @@ class Inputs:
         return replace(self, curves=curves)
 
     def _by_curve(self, numbers: Array) -> Any:
-        """Return the curves with their numbers, of all inputs on the last axis."""
+        """Return each curve with its part of numbers, whose last axis has all inputs."""
         ends = np.cumsum([math.prod(curve.shape) for curve in self.curves])
         return zip(self.curves, np.split(numbers, ends[:-1], axis=-1), strict=True)
 
@@ -99,7 +102,10 @@ class Inputs:
         return np.unique(np.concatenate([first, *others])) if others else first
 
     def limits(self, tolerance: float | None) -> Array:
-        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
+        """Return the largest step sizes, rows (t, limit).
+
+        Steps that start between t and the time of the next row are at most limit long.
+        """
         if tolerance is None:
             return np.empty((0, 2))
         tables = [curve.max_steps_at(tolerance) for curve in self.curves]
@@ -164,13 +170,6 @@ def check_member_inputs(
     return tuple(checked)
 
 
-def stops_and_limits(
-    inputs: Inputs, stops: Array, start: float, tolerance: float | None
-) -> tuple[Array, Array]:
-    """Return the ends of segments with those at corners, and the limits of steps."""
-    return inputs.add_stops(stops, start, tolerance), inputs.limits(tolerance)
-
-
 class Reader:
     """The inputs of a member, or of a vectorized function's members, as a function of time."""
 
@@ -193,11 +192,11 @@ class Reader:
         values = tuple(curve.at(t, members) for curve in self.inputs.curves)
         return values if self.inputs.in_tuple else values[0]
 
-    def __getitem__(self, which: Any) -> Reader:
-        return Reader(self.inputs, self._member[which])
+    def __getitem__(self, index: Any) -> Reader:
+        return Reader(self.inputs, self._member[index])
 
     def numbers(self, t: float) -> Array:
-        """Return all values at a time one after the other, as compiled functions get them."""
+        """Return the inputs at a time as one vector, which compiled functions read."""
         values = [curve.reader(self._member)(t) for curve in self.inputs.curves]
         return np.concatenate([np.ravel(value) for value in values])
 
@@ -211,37 +210,37 @@ class DataReader(Reader):
 
     def function(self) -> Callable[[float], Any]:
         """Return the inputs as a function, which reads them from the data."""
-        reads, first = [], 0
+        reads, start = [], 0
         for curve in self.inputs.curves:
-            stop = first + math.prod(curve.shape)
-            values = self._data[first:stop].reshape(curve.shape)
+            stop = start + math.prod(curve.shape)
+            values = self._data[start:stop].reshape(curve.shape)
             reads.append(values.copy if curve.shape else values.item)
-            first = stop
+            start = stop
         if self.inputs.in_tuple:
             return lambda t: tuple([read() for read in reads])
         return lambda t: reads[0]()
 
 
 class WithInput:
-    """A function in Python that gets inputs, as one that gets their `Reader`."""
+    """A function of the user that takes inputs, wrapped as one that takes their `Reader`."""
 
     __slots__ = ("function",)
 
     def __init__(self, function: Any) -> None:
         self.function = function
 
-    def __call__(self, t: Any, y: Any, reader: Reader, *rest: Any) -> Any:
-        """Call the function."""
-        return self.function(t, y, reader(t), *rest)
+    def __call__(self, t: Any, y: Any, reader: Reader, *args: Any) -> Any:
+        """Call the function with the inputs at time t in place of their reader."""
+        return self.function(t, y, reader(t), *args)
 
 
 class ExtraArguments(NamedTuple):
-    """What functions get besides time and point."""
+    """The arguments of functions besides time and point."""
 
     args: tuple[Any, ...] = ()
     parameters: Array | None = None  # a row for each member, shape (members, k)
     inputs: Inputs | None = None
-    first: int | None = None  # place of the first member in the ensemble, for messages
+    first_member: int | None = None  # its number in the ensemble, for messages
 
     @property
     def members(self) -> int | None:
@@ -264,7 +263,7 @@ class ExtraArguments(NamedTuple):
         return (*lead, *self.args, *rows)
 
     def replaced(self, t: float, parameters: Any, inputs: Any, members: int | None) -> Self:
-        """Return other data from time t on, None for what remains, after checking their shapes.
+        """Return the arguments with other data from time t on, after checking; None keeps the old.
 
         ``members`` is None for a single point.
         """
@@ -310,7 +309,7 @@ def check_inputs(
 ) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.
 
-    Without a table its abscissae aren't checked. ``name`` is that of the times in messages.
+    Abscissae are checked if there is a ``table``. ``name`` is what messages call the times.
     """
     if inputs is None:
         return None
@@ -319,13 +318,13 @@ def check_inputs(
     if not curves:
         raise ValueError("inputs must hold at least one of cg.Samples, got none")
     for k, curve in enumerate(curves):
-        which = f"inputs[{k}]" if in_tuple else "inputs"
+        label = f"inputs[{k}]" if in_tuple else "inputs"
         if not isinstance(curve, Samples):
-            raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
+            raise TypeError(f"{label} must be cg.Samples, or a tuple of them, got {curve!r}")
         curve.check_span(start, stop, name)
         if curve.members is not None and curve.members != members:
             expected = f"be for {members} members" if members else "be without members=True here"
-            raise ValueError(f"{which} must {expected}, got {curve!r}")
+            raise ValueError(f"{label} must {expected}, got {curve!r}")
     if table is not None:
         check_abscissae(table, "inputs")
     return Inputs(tuple(curves), in_tuple)

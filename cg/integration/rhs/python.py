@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from array import array as numbers_in_memory
+from array import array as typed_array
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +20,7 @@ from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import ExtraArguments, Inputs, WithInput
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
-from cg.support.records import filled
+from cg.support.frozen import filled
 
 # addresses of functions in C that call one of Python, and functions of a variational equation
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
@@ -105,12 +105,12 @@ class RhsCheck:
 
 
 class CallContext(NamedTuple):
-    """What ``fortran/interface/python_rhs.c`` reads to call a function, in its order."""
+    """A call of a function, in the order in which ``fortran/interface/python_rhs.c`` reads it."""
 
     function: Any
     args: tuple[Any, ...]  # its further arguments
     like_point: Points  # an array of the shape and the type of its points
-    like_result: Points  # one of its results
+    like_result: Points  # an array of the shape and the type of its results
     check: Any  # check(value, t, y) returns other than plain results as an array, or raises
     spare: list[Any]  # arrays of the call before: the point, and numbers that change
     of_time: bool  # whether it takes no point
@@ -128,7 +128,7 @@ class CallContext(NamedTuple):
 
 
 def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return arguments with the function of time that the first one, a `Reader`, stands for."""
+    """Return arguments with a function of time in place of the first one, a `Reader`."""
     return (args[0].function(), *args[1:])
 
 
@@ -163,7 +163,7 @@ class Contexts:
         if count is not None:
             others = map(extra.arguments, range(1, count))
             self.contexts += [first.with_arguments(arguments) for arguments in others]
-        self._pointers = numbers_in_memory("Q", map(id, self.contexts))
+        self._pointers = typed_array("Q", map(id, self.contexts))
         self.data_address = self._pointers.buffer_info()[0]
         self._stride = 0 if count is None else 8
 
@@ -218,23 +218,22 @@ class PythonRhs(Contexts):
         where, shape = f"at t = {t:.17g}", str(self.form.frame.point_shape)
         if self.vectorized:
             shape = f"{('k', *self.form.frame.point_shape)}, and t of shape (k,)".replace("'", "")
-        elif self.extra.first is not None:
-            where += f" in member {self.extra.first + member}"
+        elif self.extra.first_member is not None:
+            where += f" in member {self.extra.first_member + member}"
         with_shape = f" with y of shape {shape}" * (not self.check.of_time)
         return f"{where}; f is given ({', '.join(names)}){with_shape}"
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""
-        return self.form.complete(self.answer(member, t, y), y)
+        return self.form.complete(self.result(member, t, y), y)
 
-    def answer(self, member: int, t: float, y: Points) -> Array:
+    def result(self, member: int, t: float, y: Points) -> Array:
         """Return the result of ``f`` for a member as a new array, after checking it."""
         if self.vectorized:
-            row: Array = self.answers(np.array([t]), np.array([member]), y[None])[0]
-            return row
+            return np.asarray(self.results(np.array([t]), np.array([member]), y[None])[0])
         return self.check(self.f(t, read_only(y), *self.extra.arguments(member)), t)
 
-    def answers(self, t: Array, members: Any, y: Points) -> Array:
+    def results(self, t: Array, members: Any, y: Points) -> Array:
         """Return the results of ``f`` for several members, after checking them.
 
         The shape is ``(n, *form.shape)``.
@@ -251,7 +250,7 @@ class PythonRhs(Contexts):
     def at_times(self, times: Array, y: Points) -> Array:
         """Return the coefficients of a single member at times and points, of a linear equation."""
         if self.vectorized:
-            return self.answers(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
+            return self.results(times.copy(), np.zeros(len(times), dtype=np.intp), y[:1].copy())
         return call_rhs(self, *self.addresses()[:2], self.form, times, y)
 
 
@@ -305,7 +304,7 @@ def derivative_of(
     function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool,
     inputs: Inputs | None, kind: type[Derivative] = Derivative,
 ) -> Derivative | None:  # fmt: skip
-    """Return a function that the user gave, after checking it, or None."""
+    """Return the user's ``function`` as a derivative after checking it, None for None."""
     compiled = compiled_rhs(function, name)
     if compiled is not None and vectorized:
         raise ValueError(f"vectorized must be False for a compiled {name}, which takes one point")

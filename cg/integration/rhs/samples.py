@@ -1,20 +1,20 @@
 """Inputs of right-hand sides that are given by samples in time.
 
 A curve through samples is a polynomial between them, and may jump. An error estimate sees a curve
-at the few nodes of a step only. Steps that have grown while nothing happens, or while all is
-smooth, would pass over a pulse between two nodes, and accept it. The samples are known before the
-first step, and so is how long steps may be where: the pieces of a curve are put together in blocks
-of 2, 4, 8, …, as long as what is within a block is smooth on its scale, and a step is no longer
-than the blocks that it touches.
+only at the few nodes of a step. Steps that have grown where the curve is constant or smooth would
+pass over a pulse between two nodes, and accept it. The samples are known before the first step, so
+that `Resolution` limits steps in advance: it joins the pieces of a curve in blocks of 2, 4, 8, … as
+long as the curve within a block is smooth on the scale of the block. A step is no longer than the
+blocks that it touches.
 
-At each level, each second of the points is predicted by the cubic through four of the others. For a
-smooth curve the error of this falls by 16 from a level to the next finer one; what is shorter than
-a block, such as a pulse or noise, has errors at fine levels that are larger than that.
+At each level, every second point is predicted by the cubic through four of the others. For a smooth
+curve the error of the prediction falls by 16 from a level to the next finer one. A pulse or noise
+that is shorter than a block has larger errors at fine levels.
 
-All errors are compared to the variation of their own column: to the largest mean deviation from the
-mean in a block around them, of any size. So neither units, nor other columns, nor what happens
-long before or after matters. Deviations that are smaller by ``_IGNORED`` times the tolerance are
-passed over: the integral of all of these is within the tolerance of that of the variation.
+Errors are relative to the variation of their own column: the largest mean deviation from the mean
+in any block around them. So units, other columns, and the curve long before or after don't matter.
+Errors below ``_IGNORED`` times the tolerance, relative to the variation, are ignored: the integral
+of all ignored deviations is within the tolerance of the integral of the variation.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from cg.support.arrays import Array, check_finite, read_only, real_array, texts_of
 from cg.support.checks import check_choice, check_flag, check_number
-from cg.support.records import ReadOnly
+from cg.support.frozen import ReadOnly
 
 _LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values of lines
 
@@ -39,7 +39,7 @@ _LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and v
 def curve_of(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array, Array]:
     """Return the starts of the pieces of a curve and their polynomials, shape (powers, pieces, …).
 
-    The first power is the zeroth, and times count from the start of the piece.
+    Coefficients of the power 0 come first; times count from the start of the piece.
     """
     if kind == "hold":
         return times, values[None]
@@ -54,7 +54,7 @@ def curve_of(times: Array, values: Array, kind: str, causal: bool) -> tuple[Arra
         slopes = np.zeros_like(values)
         slopes[1:] = np.diff(values, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
         return times[:-1], np.stack([values - 0.5 * steps * slopes, slopes])
-    mean = values.mean(axis=0)  # sums of what differs from it are smaller
+    mean = values.mean(axis=0)  # sums of deviations from it have smaller rounding errors
     sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * (values - mean), axis=0)])
     pieces = np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
     pieces[0] += mean
@@ -68,12 +68,11 @@ def jumps_of_lines(times: Array, values: Array, slopes: Array) -> Array:
     rounding = _LINE_ROUNDING * np.maximum(sizes[1:], sizes[:-1])
     bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
     ends = values[:-1] + slopes[:-1] * length[:-1]
-    jumps: Array = (bends > rounding) | (np.abs(values[1:] - ends) > rounding)
-    return jumps
+    return np.asarray((bends > rounding) | (np.abs(values[1:] - ends) > rounding))
 
 
-_IGNORED = 0.08  # deviations between samples, of a spline whose kinks count as 1
-_BLOCKS_PER_STEP = 2.0  # blocks in the longest step, whose own nodes are closer than that
+_IGNORED = 0.08  # deviation between samples of a spline whose kinks D d^p are 1, see `corners`
+_BLOCKS_PER_STEP = 2.0  # blocks in the longest step, whose nodes are closer than a block
 _PEAK = 1.5  # the largest value of an oscillation relative to its mean deviation
 _FALL = 16.0  # ratio of the errors of cubics when distances are halved
 
@@ -91,7 +90,7 @@ class Resolution:
         ]
 
     def kinks(self, sizes: Array) -> Array:
-        """Return the largest of sizes at inner points, shape (points - 2, columns), relative."""
+        """Return the largest relative size at each inner point, for sizes (points - 2, columns)."""
         scale = self._scales[0][: self._pieces]
         scale = np.maximum(scale[1:], scale[:-1])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -99,27 +98,26 @@ class Resolution:
         return np.asarray(relative.max(axis=1))
 
     def max_steps_at(self, tolerance: float) -> Array:
-        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
+        """Return the largest step sizes, rows (t, limit).
+
+        Steps that start between t and the time of the next row are at most limit long.
+        """
         allowed = tolerance**0.25
-        pieces = len(self._times) - 1
-        level = np.zeros(pieces, dtype=np.int8)
+        level = np.zeros(len(self._times) - 1, dtype=np.int8)
         errors = np.zeros_like(self._scales[0])
-        for k, (scale, raw_errors) in enumerate(
-            zip(self._scales[1:], self._errors, strict=True), 1
-        ):
+        levels = zip(self._scales[1:], self._errors, strict=True)
+        for k, (scale, raw_errors) in enumerate(levels, 1):
             relevant = np.where(raw_errors > _IGNORED * tolerance * scale, raw_errors, 0.0)
             errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), relevant)
             smooth = (errors <= allowed * scale).all(axis=1)
             if not smooth.any():
                 break
             level.reshape(-1, 2**k)[smooth] = k
-        first = np.arange(self._pieces)
+        pieces = np.arange(self._pieces)
         sizes = 2 ** level[: self._pieces].astype(np.int64)
-        first = first[first % sizes == 0]
-        starts = self._times[first]
-        return np.stack(
-            [starts, _BLOCKS_PER_STEP * (self._times[first + sizes[first]] - starts)], axis=1
-        )
+        first = pieces[pieces % sizes == 0]  # of each block of 2^level pieces
+        starts, ends = self._times[first], self._times[first + sizes[first]]
+        return np.stack([starts, _BLOCKS_PER_STEP * (ends - starts)], axis=1)
 
 
 def _padded(times: Array, values: Array) -> tuple[Array, Array]:
@@ -136,7 +134,7 @@ def _padded(times: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _scales(times: Array, values: Array) -> list[Array]:
-    """Return of each block of 1, 2, 4, … pieces the largest variation in a block around it."""
+    """Return the largest variation around each block, for blocks of 1, 2, 4, … pieces."""
     length = np.diff(times)[:, None]
     mean = 0.5 * (values[1:] + values[:-1])
     scales = [np.zeros_like(mean)]
@@ -154,25 +152,25 @@ def _scales(times: Array, values: Array) -> list[Array]:
 
 
 def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
-    """Return by how much each second point is off the cubic through four of the others."""
+    """Return the distance of every second point from the cubic through four of the others."""
     count = min(4, len(times[::2]))
-    at, known = times[1::2], times[::2]
-    first = np.clip(np.arange(-1, len(at) - 1), 0, len(known) - count)
-    stencil = [known[first + i] for i in range(count)]
+    at, nodes = times[1::2], times[::2]
+    starts = np.clip(np.arange(-1, len(at) - 1), 0, len(nodes) - count)
+    stencil = [nodes[starts + i] for i in range(count)]
     error = -values[1::2]
     for i, point in enumerate(stencil):
         weight = np.ones_like(at)
         for j, other in enumerate(stencil):
             if j != i:
                 weight *= (at - other) / (point - other)
-        error += weight[:, None] * values[::2][first + i]
+        error += weight[:, None] * values[::2][starts + i]
     error = np.abs(error)
     return np.where(error > rounding, error, 0.0)
 
 
 _MIN_COUNT = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
-_VALUES_AT_A_TIME = 64  # number of values whose curves are made at a time
-_VALUE_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values, and so of jumps
+_VALUES_AT_A_TIME = 64  # values whose curves `by_values` makes at a time
+_VALUE_ROUNDING = 64 * float(np.finfo(float).eps)  # relative error of values and of their jumps
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
@@ -246,13 +244,13 @@ class Samples(ReadOnly):
         self._pieces.setflags(write=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # without cached properties: parts for some members are copies with other values
-        kept = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
-        return {name: value for name, value in super().__getstate__().items() if name not in kept}
+        # without cached properties, since `part` copies the object and gives it other values
+        cached = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
+        return {name: value for name, value in super().__getstate__().items() if name not in cached}
 
     @cached_property
     def _rows(self) -> tuple[list[float], list[float], list[list[Any]]]:
-        """What a search needs, the starts of the pieces, and their polynomials."""
+        """Bounds for bisection, the starts of the pieces, and their polynomials."""
         by_piece = np.moveaxis(self._pieces, 0, 1)
         rows = by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
         starts = self._edges.tolist()
@@ -267,8 +265,8 @@ class Samples(ReadOnly):
         return value
 
     def __repr__(self) -> str:
-        of = "" if self.members is None else f", members={self.members}"
-        return f"Samples({len(self.times)} times, shape={self.shape}, kind={self.kind!r}{of})"
+        members = "" if self.members is None else f", members={self.members}"
+        return f"Samples({len(self.times)} times, shape={self.shape}, kind={self.kind!r}{members})"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -292,11 +290,10 @@ class Samples(ReadOnly):
         jumps = np.abs(np.diff(pieces[0], axis=0))
         if len(pieces) > 1:
             jumps = jumps_of_lines(self.times, *pieces)
-        corners: Array = inner[jumps.any(axis=1)]
-        return corners
+        return np.asarray(inner[jumps.any(axis=1)])
 
     def max_steps_at(self, tolerance: float) -> Array:
-        """Return the largest steps, rows (t, limit): a step from t on is at most limit long."""
+        """Return the largest step sizes, see `Resolution.max_steps_at`."""
         if not self._is_spline or len(self._edges) < 2:
             return np.empty((0, 2))
         return self._resolution.max_steps_at(tolerance)
@@ -326,12 +323,12 @@ class Samples(ReadOnly):
         jumps = np.abs(np.diff(pieces[-1], axis=0))
         jumps *= np.maximum(length[1:], length[:-1])[:, None] ** (len(pieces) - 1)
         kinks = self._resolution.kinks(np.where(jumps > self._rounding, jumps, 0.0))
-        if len(kinks) > 2:  # the outer knots are none, but their pieces are as long as others
+        if len(kinks) > 2:  # not-a-knot: the outer knots have no kink, but their pieces are as long
             kinks[[0, -1]] = kinks[[1, -2]]
         return kinks
 
     def __call__(self, t: float, member: int | None = None) -> Any:
-        """Return the value at a time, that after a jump.
+        """Return the value at a time; at a jump the value after it.
 
         Parameters
         ----------
@@ -343,20 +340,20 @@ class Samples(ReadOnly):
         return self.reader(member)(check_number("t", t))
 
     def reader(self, member: int | None = None) -> Callable[[float], Any]:
-        """Return the curve, or that of a member, as a function that takes little time."""
-        (search, starts, rows), outside = self._rows, self.check_span
+        """Return the curve, or the curve of a member, as a function that takes little time."""
+        (bounds, starts, rows), check_span = self._rows, self.check_span
         low, high = self._span
         column = None if self.members is None else member
 
         def value_at(t: float) -> Any:
             if not low <= t <= high:
-                outside(t, t)
-            piece = bisect_right(search, t) - 1
+                check_span(t, t)
+            piece = bisect_right(bounds, t) - 1
             s = t - starts[piece]
             *others, value = rows[piece]
             for row in reversed(others):
                 value = row + s * value
-            # by + an array that the caller owns
+            # + makes a new array, which the caller may change
             return +value if column is None else +value[column]
 
         return value_at
@@ -365,8 +362,8 @@ class Samples(ReadOnly):
         """Return the values at times, shape ``(k, ...)``, each of a member if there are members."""
         self.check_span(float(t.min()), float(t.max()))
         piece = np.maximum(np.searchsorted(self._edges, t, side="right") - 1, 0)
-        which = (slice(None), piece) if self.members is None else (slice(None), piece, members)
-        rows = self._pieces[which]
+        index = (slice(None), piece) if self.members is None else (slice(None), piece, members)
+        rows = self._pieces[index]
         s = (t - self._edges[piece]).reshape(-1, *[1] * (rows.ndim - 2))
         value: Array = rows[-1]
         for row in rows[-2::-1]:
@@ -377,13 +374,13 @@ class Samples(ReadOnly):
         """Return the curve with an amount added to it at all times."""
         end = self.end if self.kind == "hold" and self.end < math.inf else None
         values = self.values + amount.reshape(self.shape)
-        many = self.members is not None
-        return Samples(self.times, values, self.kind, end=end, causal=self.causal, members=many)
+        options = {"causal": self.causal, "members": self.members is not None}
+        return Samples(self.times, values, self.kind, end=end, **options)
 
     def by_values(self, t: Array, by_curve: Array) -> Array:
-        """Return the derivatives by all values of a sum over times.
+        """Return the derivatives of a sum over times with respect to the values of the samples.
 
-        ``by_curve`` has its derivatives by the curve at the times, shape (times, width).
+        ``by_curve`` has those of its terms with respect to the curve, shape (times, width).
         """
         piece = np.maximum(np.searchsorted(self._edges, t, side="right") - 1, 0)
         s = (t - self._edges[piece])[:, None]
@@ -391,8 +388,7 @@ class Samples(ReadOnly):
         for power, total in enumerate(sums):
             np.add.at(total, piece, by_curve * s**power)
         if self.kind == "hold":
-            held: Array = sums[0].reshape(self.values.shape)
-            return held
+            return np.asarray(sums[0].reshape(self.values.shape))
         # the pieces are linear in the values, so that the transpose of this map remains
         count = len(self.values)
         rows = []
@@ -400,8 +396,7 @@ class Samples(ReadOnly):
             units = np.eye(count, min(_VALUES_AT_A_TIME, count - first), -first)
             pieces = curve_of(self.times, units, self.kind, self.causal)[1]
             rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
-        by_values: Array = np.concatenate(rows).reshape(self.values.shape)
-        return by_values
+        return np.asarray(np.concatenate(rows).reshape(self.values.shape))
 
     def part(self, members: slice) -> Samples:
         """Return the curves of some members."""
@@ -415,14 +410,13 @@ class Samples(ReadOnly):
 
     def check_span(self, start: float, stop: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
-        first, last = min(start, stop), max(start, stop)
         low, high = self._span
-        if not (low <= first and last <= high):
+        if not (low <= min(start, stop) and max(start, stop) <= high):
             low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
-            two = start < stop or stop < start  # else one time, or NaN
+            is_span = start < stop or stop < start  # else one time, or NaN
             raise ValueError(
                 f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
-                f"got {'({}, {})'.format(*got) if two else got[0]}"
+                f"got {'({}, {})'.format(*got) if is_span else got[0]}"
             )
 
 
@@ -434,9 +428,9 @@ def _read_times(times: ArrayLike) -> Array:
     bounded = math.isfinite(array.item(0)) and math.isfinite(array.item(-1))
     if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
         check_finite("times", array)
-        place = int(np.argmin(growing))
-        before, got = texts_of(*array[place : place + 2])
-        raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
+        index = int(np.argmin(growing))
+        before, got = texts_of(*array[index : index + 2])
+        raise ValueError(f"times must increase, got {got} after {before} at [{index + 1}]")
     return read_only(array)
 
 

@@ -25,14 +25,14 @@ _REJECTED = (
 )
 _MAX_DIM = 300  # largest Jacobian whose eigenvalues are computed, in dim³ operations
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))  # best for one-sided differences
-# Fraction of the real stability limit that steps reach at least if stability limits their size.
+# Least fraction of the real stability limit that steps reach if stability limits their size
 _NEAR_LIMIT = 0.5
-_DAMPED = 0.05  # least damping relative to size; in other oscillations accuracy limits steps
+_DAMPED = 0.05  # least -Re λ / |λ| of a damped eigenvalue; accuracy limits steps of oscillations
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
-_FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
-_CONFIRMED = 1000  # steps after which the check is repeated, since one may be chance
-_MANY_REJECTED = 0.25  # rejected steps per step; where f is smooth some 0.06
-_SECONDS = 0.03  # between two checks for an interrupt
+_FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as a hundred steps
+_CONFIRMED = 1000  # steps after which a check is repeated: a single one may find a chance event
+_MANY_REJECTED = 0.25  # rejected steps per accepted step; some 0.06 where f is smooth
+_SECONDS = 0.03  # time between two checks for an interrupt
 _REPORT_SECONDS = 0.1
 _MAX_GROWTH = 8  # factor of the steps from a call to the next, since later ones may be slower
 _MAX_STEPS = 2**30  # fits into 32 bits
@@ -41,8 +41,8 @@ _MAX_STEPS = 2**30  # fits into 32 bits
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or many are rejected.
 
-    It looks for a reason after 10,000, 20,000, 40,000, … steps of a member. Where it finds one, it
-    looks again 1000 steps later, and warns if the reason is the same.
+    A check looks for a reason after 10,000, 20,000, 40,000, … steps of a member. If it finds one,
+    another check follows 1000 steps later, and warns if the reason is the same.
     """
 
     def __init__(self, run: Run, warn: Callable[[str], None]) -> None:
@@ -80,8 +80,8 @@ class StepCheck:
 def find_difficulty(run: Run, member: int, t: float) -> str | None:
     """Return why a member takes many steps near ``t``, if it is a known reason.
 
-    The equation is stiff if a step takes a damped eigenvalue of the Jacobian, by differences, near
-    the limit of the method's stability.
+    The equation is stiff if h λ is near the limit of the method's stability, for the step size h
+    and a damped eigenvalue λ of the Jacobian, which is computed by differences.
     """
     plan, table, h = run.plan, run.plan.table, run.record.step_size
     frame = plan.frame
@@ -99,10 +99,10 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     try:
         start = run.rhs.at_member(member, t, y)
         moved = [run.rhs.at_member(member, t, frame.flow(v, y)) for v in np.diag(sizes)]
-        values = np.linalg.eigvals((np.array(moved) - start).T / sizes)
+        eigenvalues = np.linalg.eigvals((np.array(moved) - start).T / sizes)
     except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
         return None
-    damped = values[values.real <= -_DAMPED * np.abs(values)]
+    damped = eigenvalues[eigenvalues.real <= -_DAMPED * np.abs(eigenvalues)]
     near_limit = abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * real_limit
     return _STIFF if near_limit else None
 

@@ -17,15 +17,15 @@ from cg.tables import Kind
 
 _REQUESTS = {Stop.NEEDS_RHS, Stop.NEEDS_EVENTS, Stop.NEEDS_MAXIMUM}
 _NOT_FAILED = _REQUESTS | {Stop.PAUSED, Stop.FINISHED, Stop.TERMINAL_EVENT}
-_REJECTIONS = 1000  # rejected steps, if these are more than half of the accepted ones
-_LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
+_REJECTIONS = 1000  # least number of rejected steps for a warning
+_LARGE = 1e100  # errors overflow because of slopes beyond this
 _NO_FORCES = "there are no forces that keep joints closed"
 
 
 def failures_of(run: Run, raising: bool) -> dict[int, str]:
     """Return why members failed, by their numbers; raise exceptions if ``raising``.
 
-    Those for memory are raised in any case.
+    MemoryError is raised in any case.
     """
     messages = {}
     for member, stop in enumerate(run.status.tolist()):
@@ -40,7 +40,7 @@ def failures_of(run: Run, raising: bool) -> dict[int, str]:
 def _explain_failure(run: Run, member: int) -> Exception | str:
     """Return why a member failed: an exception, or a message.
 
-    There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
+    It is a message where adaptive steps failed, or ``f`` isn't finite after the start.
     """
     stop, flag = Stop(run.status[member]), int(run.detail[member])
     t = float(run.state("failed_at")[member])
@@ -122,6 +122,7 @@ def _first_step_error(run: Run, member: int, t: float) -> Exception:
 
 
 def _not_finite(run: Run, member: int) -> str:
+    """Return the message for a function that returned NaN or infinity."""
     name = run.rhs.failed_name(member)
     if name is None:
         return "derivatives of the solution exceed the range of floating point"
@@ -130,9 +131,9 @@ def _not_finite(run: Run, member: int) -> str:
 
 def _got(run: Run, member: int, t: float) -> str:
     """Return the result of ``f`` at the start, since the points of later stages are unknown."""
-    if t != run.t0 or run.problem.finish is not None:  # with derivatives it would hold these
+    if t != run.t0 or run.problem.finish is not None:  # a result with derivatives would hold these
         return ""
-    value = run.rhs.answer(member, t, run.plan.points(run.end[member].copy(), ()))
+    value = run.rhs.result(member, t, run.plan.points(run.end[member].copy(), ()))
     return "" if np.isfinite(value).all() else f", got {short(value)}"
 
 
@@ -150,7 +151,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
             reason = _not_finite(run, member)
             if frame.jointed:
-                force = run.rhs.answer(member, t + ahead, moved)
+                force = run.rhs.result(member, t + ahead, moved)
                 reason = _NO_FORCES if np.isfinite(force).all() else reason
             return f"{reason} next to t = {t:.17g}, however small the step"
     except (ValueError, ArithmeticError, RuntimeError):

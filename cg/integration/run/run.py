@@ -34,16 +34,16 @@ from cg.support.shared_records import COUNTERS, COUNTS, RECORD, STATE, fields_of
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
-_MIN_CHECKED_BYTES = 1 << 20  # the check takes longer than a short integration
-_LANES = 1024  # members integrated at the same time by a vectorized function
+_MIN_CHECKED_BYTES = 1 << 20  # below, a check of memory takes longer than the integration
+_LANES = 1024  # largest number of members integrated at the same time by a vectorized function
 _STEPS, _INTERPOLANTS, _EVENTS = map(int, Stored)
 _ALL = slice(None)
 _INTERPOLANT_COLUMNS, _EVENT_COLUMNS = len(InterpolantColumn), len(EventColumn)
 _FAILED = {int(RhsFlag.OBSERVER_FAILED): "observe", int(RhsFlag.SIZE_FAILED): "step_function"}
 
 
-class Record(ctypes.Structure):
-    """The record that compiled code reads and writes."""
+class RunRecord(ctypes.Structure):
+    """The record of a run in compiled code."""
 
     _fields_ = fields_of(RECORD)
 
@@ -56,9 +56,10 @@ class Run:
     interpolant of the last step may be requested. By default one member at a time is integrated, or
     up to 1024 by a vectorized function.
 
-    ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
-    times; ``status`` and ``detail`` a `Stop`, and what a compiled function returned or a failure
-    was due to; ``counts`` has the shape ``(members, 6)``, see `COUNTS`.
+    Each member has its last point ``end`` as doubles, shape ``(members, width)``, and the time
+    ``reached`` of that point; a `Stop` as ``status``; as ``detail`` the error code of a compiled
+    function, an `RhsFlag`, or the number of the event or of the iterations that the status is
+    about; and ``counts``, shape ``(members, 6)``, see `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -80,10 +81,10 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        solver_numbers = 0
+        solver_size = 0
         if not plan.step_table.explicit:
             self.record.jacobian = self._jacobian_kind()
-            solver_numbers = self._count_solver_numbers()
+            solver_size = self._solver_size()
         self._buffers: dict[str, Any] = {}
         # the rows that calls have stored, in which members and events are counted from 1
         ends, count = 2 * plan.width, 0 if problem.observer is None else problem.observer.count
@@ -100,11 +101,11 @@ class Run:
                 self._share("times", np.array(problem.t_eval))
                 self._share(name, array)
         self._share_problem()
-        self._open(solver_numbers)
+        self._open(solver_size)
 
-    def _make_record(self, keep_last: bool) -> Record:
+    def _make_record(self, keep_last: bool) -> RunRecord:
         plan, problem, control, events = self.plan, self.problem, self.control, self.problem.events
-        record = Record()  # setting its entries takes half the time of arguments by keyword
+        record = RunRecord()  # setting its entries takes half the time of arguments by keyword
         record.members, record.lanes = self.members, self._lanes
         record.first_member, record.common = problem.first_member, problem.common_steps
         record.keep_last, record.goes_on = keep_last, keep_last and not problem.ensemble
@@ -137,8 +138,8 @@ class Run:
         iterated = problem.stage_solver == "fixed-point" and kind is not Kind.COLLOCATION
         return JacobianKind.OUTSIDE if iterated else JacobianKind.DIFFERENCES
 
-    def _count_solver_numbers(self) -> int:
-        """Return how many numbers are kept to solve implicit stages, most of them in matrices."""
+    def _solver_size(self) -> int:
+        """Return how many doubles are kept to solve implicit stages, most of them in matrices."""
         plan, stages = self.plan, self.plan.table.stages
         factors = plan.dim if self.record.jacobian != JacobianKind.OUTSIDE else 0
         if plan.step_table.kind is Kind.COLLOCATION:
@@ -146,19 +147,19 @@ class Run:
         blocks = plan.step_table.record.blocks
         return (factors * stages**2 // blocks + stages) * plan.dim if factors and blocks else 0
 
-    def _open(self, solver_numbers: int) -> None:
+    def _open(self, solver_size: int) -> None:
         """Open the run in compiled code, which allocates memory for the members in its lanes.
 
-        ``solver_numbers`` are as many as the solver of implicit stages keeps.
+        ``solver_size`` is the number of doubles that the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
-        within = problem.dense_output or record.outputs or self._functions or record.keep_last
-        if within and problem.in_coordinates:
+        interpolates = problem.dense_output or record.outputs or self._functions or record.keep_last
+        if interpolates and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.step_table.kept_vectors + 4 * plan.step_table.kept_nodes
-        rows += 2 * plan.interpolant_vectors if within else 0
+        vectors = plan.step_table.kept_vectors + 4 * plan.step_table.kept_nodes
+        vectors += 2 * plan.interpolant_vectors if interpolates else 0
         # bytes of points and coefficients at the stages, and of the matrices of Newton's method
-        needed = lanes * 8 * (rows * (plan.width + 2 * plan.dim) + solver_numbers)
+        needed = lanes * 8 * (vectors * (plan.width + 2 * plan.dim) + solver_size)
         if problem.inertia is not None:  # its copy, and a record of less than 1 KiB for each body
             needed += problem.inertia.constants.nbytes + (problem.inertia.signed_columns.size << 10)
         self._check_memory(needed)
@@ -178,11 +179,11 @@ class Run:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
         self._states = states = self._share("states", np.empty((members, width + len(STATE))))
-        rows = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
+        counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end = states[:, :width]
         self.reached = self.state("reached")
-        self.counters, self.counts = rows, rows[:, 2:]
-        self.status, self.detail = rows[:, 0], rows[:, 1]
+        self.counters, self.counts = counters, counters[:, 2:]
+        self.status, self.detail = counters[:, 0], counters[:, 1]
         self.end[...] = doubles
 
     def state(self, name: str) -> Array:
@@ -220,7 +221,7 @@ class Run:
         rhs, problem = self.rhs, self.problem
         for function in (problem.observer, problem.step_function):
             if function is not None:
-                record = self._buffers[function.name] = function.record(rhs)
+                record = self._buffers[function.name] = function.make_record(rhs)
                 setattr(self.record, function.entry, ctypes.addressof(record))
         parameters, inputs = rhs.extra.parameters, rhs.extra.inputs
         if inputs is not None and isinstance(rhs, CompiledRhs):
@@ -258,15 +259,15 @@ class Run:
         """Add to an exception of a function of the user when it happened, and in which member."""
         rhs, call, self.callbacks.failed_event = self.rhs, self.callbacks.failed_event, None
         raised = np.flatnonzero(self.status == Stop.RAISED).tolist()
-        unobserved = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
-        if call is None and unobserved:
-            k = unobserved[0]
+        failed_members = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
+        if call is None and failed_members:
+            k = failed_members[0]
             call = _FAILED[int(self.detail[k])], float(self.state("failed_at")[k]), k
         if call is not None:
             name, t, member = call
-            u, first = "" if rhs.extra.inputs is None else "u, ", rhs.extra.first
-            which = "" if first is None or member is None else f" in member {first + member}"
-            error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
+            u, first = "" if rhs.extra.inputs is None else "u, ", rhs.extra.first_member
+            in_member = "" if first is None or member is None else f" in member {first + member}"
+            error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{in_member}")
         elif isinstance(rhs, PythonRhs) and raised and not rhs.vectorized:
             error.add_note(rhs.note(float(self.state("failed_at")[raised[0]]), raised[0]))
         if isinstance(error, ValueError) and _READ_ONLY.search(str(error)):
@@ -275,30 +276,30 @@ class Run:
     def _collect(self) -> None:
         """Collect the rows that a call has stored."""
         counts = self.record.steps, self.record.interpolants, self.record.events
-        for what, count in enumerate(counts):
+        for kind, count in enumerate(counts):
             if count:
-                rows = np.empty((count, self._widths[what]))
-                self._core.run_rows(self.address, what, rows.T)
-                self._stored[what].append(rows)
+                rows = np.empty((count, self._widths[kind]))
+                self._core.run_rows(self.address, kind, rows.T)
+                self._stored[kind].append(rows)
 
-    def _rows(self, what: int, columns: Any = _ALL) -> Array:
-        """Return columns of all stored rows as a new array."""
-        calls = self._stored[what]
+    def _stored_rows(self, kind: int, columns: Any = _ALL) -> Array:
+        """Return columns of all stored rows of a kind, a `Stored`, as a new array."""
+        calls = self._stored[kind]
         if len(calls) == 1:
             return calls[0][:, columns].copy()
-        start = np.empty((0, self._widths[what]))
+        start = np.empty((0, self._widths[kind]))
         return np.concatenate([rows[:, columns] for rows in (start, *calls)])
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
         point, end = self._bounds
-        y = self._rows(_STEPS, slice(1, point)) if point > 1 else None
-        observed = self._rows(_STEPS, slice(point, end)) if end > point else None
-        return self._rows(_STEPS, 0), y, observed
+        y = self._stored_rows(_STEPS, slice(1, point)) if point > 1 else None
+        observed = self._stored_rows(_STEPS, slice(point, end)) if end > point else None
+        return self._stored_rows(_STEPS, 0), y, observed
 
     def interpolants(self) -> Interpolants:
         """Return the stored interpolants in the order of the members."""
-        rows = self._rows(_INTERPOLANTS)
+        rows = self._stored_rows(_INTERPOLANTS)
         members = rows[:, InterpolantColumn.MEMBER]
         if (np.diff(members) < 0).any():
             rows = rows[np.argsort(members, kind="stable")]
@@ -316,10 +317,9 @@ class Run:
     def restart(
         self, t: float, rows: Array, first_step: float | None, stopped: NDArray[np.bool_]
     ) -> None:
-        """Start trajectories anew at a time, from points as doubles, but for those that stopped."""
+        """Start trajectories anew at a time, from points as doubles, except those that stopped."""
         self.record.data = self.rhs.data_address
-        marks = stopped.view(np.int8)
-        self._core.run_restart(self.address, t, rows.T, first_step or 0.0, marks)
+        self._core.run_restart(self.address, t, rows.T, first_step or 0.0, stopped.view(np.int8))
 
     def resume(self, stops: Array) -> None:
         """Continue trajectories with other ends of segments."""
@@ -353,12 +353,12 @@ class Run:
             self.callbacks.jacobian.kept.clear()
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events: member and event ``(n, 2)``, times ``(n,)``, points.
+        """Return all events: indices of member and event ``(n, 2)``, times ``(n,)``, points.
 
         The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
-        rows = self._rows(_EVENTS)
-        places = rows[:, [EventColumn.MEMBER, EventColumn.NUMBER]].astype(np.int64) - 1
+        rows = self._stored_rows(_EVENTS)
+        indices = rows[:, [EventColumn.MEMBER, EventColumn.NUMBER]].astype(np.int64) - 1
         points = np.ascontiguousarray(rows[:, _EVENT_COLUMNS:])
-        return places, rows[:, EventColumn.TIME].copy(), plan.points(points, (len(rows), 2))
+        return indices, rows[:, EventColumn.TIME].copy(), plan.points(points, (len(rows), 2))

@@ -43,7 +43,7 @@ from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.quads import to_ball, working_precision
 
-_NEW = 1e-5  # what must be left of a relation, to count as a new one
+_NEW = 1e-5  # least part of a new relation that is orthogonal to the others
 _REGULARITY_BITS = 128
 
 _Doubles = NDArray[np.float64]
@@ -107,15 +107,15 @@ class _Relations:
                 continue
             sizes = np.linalg.norm(rows, axis=1)
             unit = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
-            rest = unit - unit @ basis.T @ basis
-            new = (sizes > _NEW * sizes.max()) & (np.linalg.norm(rest, axis=1) >= _NEW)
-            places = np.flatnonzero(new)
-            if not places.size:
+            projected = unit - unit @ basis.T @ basis
+            new = (sizes > _NEW * sizes.max()) & (np.linalg.norm(projected, axis=1) >= _NEW)
+            indices = np.flatnonzero(new)
+            if not indices.size:
                 continue
-            columns, triangle, pivots = linalg.qr(rest[new].T, mode="economic", pivoting=True)
+            columns, triangle, pivots = linalg.qr(projected[new].T, mode="economic", pivoting=True)
             count = min(int(np.sum(np.abs(np.diag(triangle)) >= _NEW)), limit - len(chosen))
             basis = np.vstack([basis, columns[:, :count].T])
-            pairs = (divmod(k, len(spanned.vs)) for k in places[pivots[:count]].tolist())
+            pairs = (divmod(k, len(spanned.vs)) for k in indices[pivots[:count]].tolist())
             chosen += [(spanned, m, n) for m, n in pairs]
         return chosen, basis
 
@@ -128,7 +128,7 @@ class _Relations:
         """
         seen: set[tuple[Any, ...]] = set()
         orders = np.array(self._orders)
-        for which, pairing in enumerate(pairings(self._layout, self._orders, self._y)):
+        for number, pairing in enumerate(pairings(self._layout, self._orders, self._y)):
             rows = np.array([u.row for u in pairing.contexts])
             room = orders[rows] - 1 - np.array([u.degree for u in pairing.contexts])
             sizes = np.array([c.degree for c in pairing.columns])
@@ -141,7 +141,7 @@ class _Relations:
                 contexts = np.flatnonzero(many & (room >= degree) & (rows <= last))
                 inside = around[contexts].any(axis=0) & within[columns].any(axis=0)
                 places = np.flatnonzero(inside)
-                key = (which, tuple(contexts), tuple(columns))
+                key = (number, tuple(contexts), tuple(columns))
                 if key in seen or not len(places):
                     continue
                 seen.add(key)
@@ -204,8 +204,8 @@ class _Relations:
             words = condition_words(order - 1, False, self._layout.of_time) if order > 1 else ()
             quantities = [Quantity(self._layout.stages + row, word) for word in words]
             values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
-            known = dict(zip(words, values, strict=True))
-            reductions.append(Reduction(to_ball, known.__getitem__))
+            weights = dict(zip(words, values, strict=True))
+            reductions.append(Reduction(to_ball, weights.__getitem__))
         return reductions
 
 
@@ -254,13 +254,13 @@ class Reduction:
 
     def __init__(self, number: Callable[[Any], Any], weight: Callable[[Word], Any]) -> None:
         self._number, self._weight = number, weight
-        self._known: dict[Word, Combination] = {}
+        self._combinations: dict[Word, Combination] = {}
 
     def __call__(self, word: Word) -> Combination:
         """Return the coefficients by condition."""
-        if word not in self._known:
-            self._known[word] = self._reduced(word)
-        return self._known[word]
+        if word not in self._combinations:
+            self._combinations[word] = self._reduced(word)
+        return self._combinations[word]
 
     def total(self, terms: Iterable[tuple[Word, Any]]) -> Combination:
         """Return a combination of residuals of words, coefficients of the number type."""
@@ -274,12 +274,12 @@ class Reduction:
         cut = _first_condition(word)
         if cut == len(word):
             return {word: self._number(1)}
-        first, rest = word[:cut], word[cut:]
-        shuffled = shuffle(first, rest)
+        u, v = word[:cut], word[cut:]
+        shuffled = shuffle(u, v)
         share = self._number(1) / shuffled[word]
         terms = [
-            (rest, share * self._number(reciprocal_density(first))),
-            (first, share * self._weight(rest)),
+            (v, share * self._number(reciprocal_density(u))),
+            (u, share * self._weight(v)),
         ]
         terms += [(w, -share * m) for w, m in shuffled.items() if w != word]
         return self.total(terms)

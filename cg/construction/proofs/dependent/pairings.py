@@ -180,11 +180,11 @@ def _adjoint(weights: Weights, y: Sequence[flint.arb], end: int, context: Word) 
     layout, ends = weights.layout, {end: flint.arb(1)}
     while True:
         outer, inner = _cut(context)
-        place = outer.index(SLOT)
+        slot = outer.index(SLOT)
         flows: Vector = [flint.arb(0)] * len(layout.parents)
         for row, factor in ends.items():
             if not factor.is_zero():
-                slopes = weights.slopes(row, outer[:place], outer[place + 1 :])
+                slopes = weights.slopes(row, outer[:slot], outer[slot + 1 :])
                 for m in layout.path(layout.ends[row]):
                     flows[m] = flows[m] + factor * slopes[m]
         if not inner:
@@ -293,11 +293,11 @@ def moments(context: Word) -> dict[Word, int]:
     words: dict[Word, int] = {}
 
     if SLOT in context:
-        place = context.index(SLOT)
-        before, after = context[:place], context[place + 1 :]
+        slot = context.index(SLOT)
+        before, after = context[:slot], context[slot + 1 :]
         for word, multiplicity in shuffle(((),), before).items():
             add_multiple(words, (*word, SLOT, *after), multiplicity)
-        for cut in range(place + 1):
+        for cut in range(slot + 1):
             add_multiple(words, (*before[:cut], SLOT, *before[cut:], (), *after), -1)
     for k, letter in enumerate(context):
         if has_slot(letter):
@@ -309,10 +309,10 @@ def moments(context: Word) -> dict[Word, int]:
 class Spanned:
     """Contexts and letters, some of which span all places.
 
-    `places` are those where neither all contexts nor all letters are zero for any coefficients;
-    `contexts` and `columns` are indices into the pairing. `combinations` are the vectors of U_0,
-    each of the context that it is named by and multiples of others. Of these `first`, and of the
-    columns `second`, are independent; `us` and `vs` are the others.
+    `places` are the stages or flows where some contexts and some letters aren't zero for all
+    coefficients; `contexts` and `columns` are indices into the pairing. `combinations` are the
+    vectors of U_0, each the context that it is named by plus multiples of others. The vectors
+    `first` of U_0 and the columns `second` are independent; `us` and `vs` are the others.
     """
 
     def __init__(

@@ -26,22 +26,22 @@ class ReadOnly:
 
 
 def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
-    """Return an object of a frozen dataclass with all its fields, which it keeps.
+    """Return an object of a frozen dataclass whose ``__dict__`` is ``fields``, all of them.
 
-    This is much faster than a call of the class, and many arguments by keyword take long too.
+    This is much faster than a call of the class.
     """
-    record = object.__new__(kind)
-    object.__setattr__(record, "__dict__", fields)
-    return record
+    instance = object.__new__(kind)
+    object.__setattr__(instance, "__dict__", fields)
+    return instance
 
 
-def changed(record: Result, **fields: Any) -> Result:
+def changed(instance: Result, **fields: Any) -> Result:
     """Return an object of a frozen dataclass with other values of some fields, faster than replace.
 
     ``__post_init__`` isn't called. TypeError is raised for a name that isn't that of a field.
     """
-    kind: Any = type(record)
+    kind: Any = type(instance)
     if not fields.keys() <= kind.__dataclass_fields__.keys():
         wrong = fields.keys() - kind.__dataclass_fields__.keys()
         raise TypeError(f"{kind.__name__} has no fields of the names {sorted(wrong)}")
-    return filled(type(record), vars(record) | fields)
+    return filled(type(instance), vars(instance) | fields)
