@@ -64,18 +64,14 @@ def _stumpff_sum(weights: tuple[tuple[int, float], ...], q: JaxArray) -> JaxArra
     such sums, and none of them is a quotient of small numbers. A sum takes one series, as each of
     its functions would.
     """
-    x = jnp.sqrt(q)
-    if weights == ((0, 1.0),):
-        return jnp.cos(x)
-    if weights == ((1, 1.0),):
-        return _sinc(x)
+    # Reverse mode in a loop differentiates this code, not by the rule below, a second time.
     near, far = jnp.minimum(q, _STUMPFF_NEAR), jnp.maximum(q, _STUMPFF_NEAR)
     terms = tuple(
         sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_STUMPFF_TERMS + 1)
     )
     series = power_series(terms, -near)
     root = jnp.sqrt(far)
-    functions = [jnp.cos(root), _sinc(root)]
+    functions = [jnp.cos(root), jnp.sin(root) / root]
     for k in range(max(k for k, _ in weights) - 1):
         functions.append((1.0 / math.factorial(k) - functions[k]) / far)
     return jnp.where(q < _STUMPFF_NEAR, series, sum(w * functions[k] for k, w in weights))

@@ -213,6 +213,8 @@ class TestSeriesOfDexpinv:
         u = (1.0 - 1e-9) * 2.0 * np.pi / np.linalg.norm(v[:3]) * v
         assert np.abs(jax.jit(dexpinv)(np.nextafter(u, 9.0)) - v).max() < 1e-15
         u = 0.8 * u
+        by_v = jax.jit(jax.jacfwd(lambda v: rules_of(frame).dexpinv(u, v, 6)))
+        np.testing.assert_allclose(by_v(v), by_v(np.cos(u)), atol=1e-14)  # linear in v
         slope = jax.jit(jax.jacfwd(dexpinv))(u)
         steps = [dexpinv(u + 1e-6 * unit) - dexpinv(u - 1e-6 * unit) for unit in np.eye(len(u))]
         np.testing.assert_allclose(slope.T, np.array(steps) / 2e-6, atol=1e-8)
