@@ -302,17 +302,12 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
     # pairs of a root, a ball, and its multiplicity; real roots have imaginary part 0 exactly
     pairs: list[Any] = [pair for factor in factors for pair in factor.numer().complex_roots()]
     roots = sorted(float(root.real) for root, _ in pairs if root.imag == 0 and root.real > 0)
-    if math.prod(_sign(next(filter(None, factor.coeffs()))) for factor in factors) < 0:
+    if math.prod(next(filter(None, factor.coeffs())) for factor in factors) < 0:
         return 0.0
     for left, right in pairwise(roots):
         if right > left:
             middle = to_flint((Fraction(left) + Fraction(min(right, sys.float_info.max))) / 2)
-            value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
-            if value < -growth * below(middle):
+            if math.prod(factor(middle) for factor in factors) < -growth * below(middle):
                 return left
-    sign_at_infinity = math.prod(_sign(factor.coeffs()[-1]) for factor in factors)
-    return roots[-1] if sign_at_infinity < 0 else math.inf
-
-
-def _sign(number: fmpq) -> int:
-    return int(number > 0) - int(number < 0)
+    at_infinity = math.prod(factor.coeffs()[-1] for factor in factors)
+    return roots[-1] if at_infinity < 0 else math.inf
