@@ -13,7 +13,10 @@ import numpy as np
 import cg
 from cg.construction.catalogue import resolve_method
 from cg.construction.catalogue.summary import summary_of
-from cg.construction.methods.estimate import MAX_RATIO, break_ratio, estimate_ratio
+from cg.construction.methods.estimate import MAX_RATIO, estimate_ratio, result_and_estimate
+from cg.construction.methods.magnus import MagnusMethod
+from cg.construction.methods.method import Method
+from cg.construction.methods.paths import paths_of
 from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
@@ -154,6 +157,24 @@ def write_table(result: Result, page: Path) -> None:
     rows.sort(key=lambda row: row[0] not in {f"`{name}`" for name in result.numbers})
     head = ("pair", RATIO, "at a jump", *_QUANTILES, "reliable")
     replace_between(page, BEGIN, END, f"{table(head, rows)}\n")
+
+
+def break_ratio(method: Method, power: int) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate where the field breaks.
+
+    The field jumps, or its derivative of order `power` does. The ratio of jumps is infinite for a
+    pair that has no node at the end of the step. None without an error estimate, and for Magnus
+    methods, whose estimates also use the nodes of the step before.
+    """
+    if method.embedded_order is None or isinstance(method, MagnusMethod):
+        return None
+    c, ratios = paths_of(method).abscissae, []
+    for jump in ((np.arange(1000) + 0.5) / 1000).tolist():
+        values = np.where(c >= jump, (c - jump) ** power, 0.0)
+        (result,), (estimate,) = result_and_estimate(method, values, np.zeros(1))
+        exact = (1 - jump) ** (power + 1) / (power + 1)
+        ratios.append(abs(result - exact) / max(estimate, 1e-300))
+    return float(max(ratios))
 
 
 def _defaults(quotients: Quotients, problems: list[Runs]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from itertools import accumulate, chain, pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -188,8 +189,7 @@ class Layout:
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the weights of a stage (from 0) in other stages and in results."""
-        row = self.row(stage)
-        return np.setdiff1d(np.flatnonzero(self.stage_of == stage), row)
+        return np.setdiff1d(np.flatnonzero(self.stage_of == stage), self.row(stage))
 
     def without(self, stage: int) -> tuple[Layout, list[int]]:
         """Return the layout of a tableau without a stage (from 0), and the remaining unknowns."""
@@ -231,9 +231,8 @@ class Layout:
     @cached_property
     def segments(self) -> int:
         """Upper bound of the number of chains of points with no branch, stage or result inside."""
-        after = {m - 1 for m, parent in enumerate(self.parents) if parent != m - 1}
-        branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
-        return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})
+        branches = [(m - 1, at) for m, at in enumerate(self.parents) if at != m - 1]
+        return len({*self.ends, len(self.parents) - 1, *chain(*branches)} - {START})
 
     def check_places(self) -> None:
         """Raise MethodError if a point or stage is named that there isn't, or a later parent."""
@@ -266,17 +265,12 @@ class Layout:
 
 @lru_cache(maxsize=64)
 def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
-    parents: list[int] = []
-    weights: list[tuple[int, ...]] = []
-    ends = []
-    for length in _row_lengths(stages, rows, pair):
-        last = START
-        for stage in range(length):
-            parents.append(last)
-            weights.append((stage,))
-            last = len(parents) - 1
-        ends.append(last)
-    return Layout(tuple(parents), tuple(weights), tuple(ends[:stages]), tuple(ends[stages:]), rows)
+    lengths = _row_lengths(stages, rows, pair)
+    points = [range(*ends) for ends in pairwise(accumulate(lengths, initial=0))]
+    parents = tuple(m - 1 if m > row.start else START for row in points for m in row)
+    weights = tuple((stage,) for length in lengths for stage in range(length))
+    ends = tuple(row[-1] if row else START for row in points)
+    return Layout(parents, weights, ends[:stages], ends[stages:], rows)
 
 
 def check_length(x: Any, size: int, name: str = "x") -> None:

@@ -169,8 +169,7 @@ def _draw_points(ax: Any, tree: PointTree, positions: dict[int, tuple[float, flo
 
 def _positions(tree: PointTree) -> dict[int, tuple[float, float]]:
     """Return the positions of the points: x is the time, and each branch has another height."""
-    ends = *tree.stage_points, *tree.results
-    used = sorted({m for end in ends for m in tree.path(end)})
+    used = sorted({m for end in (*tree.stage_points, *tree.results) for m in tree.path(end)})
     positions: dict[int, tuple[float, float]] = {}
 
     def place(m: int, height: float) -> None:
@@ -401,9 +400,8 @@ def _draw(root: Any, children: Callable[[Any], Sequence[Any]], label: Callable[[
     while pending:
         node, lead, indent = pending.pop()
         lines.append(lead + label(node))
-        below = list(children(node))
-        for k in reversed(range(len(below))):
-            last = k == len(below) - 1
-            branch, gap = ("└── ", "    ") if last else ("├── ", "│   ")
-            pending.append((below[k], indent + branch, indent + gap))
+        branch, gap = "└── ", "    "  # those of the last child
+        for child in reversed(children(node)):
+            pending.append((child, indent + branch, indent + gap))
+            branch, gap = "├── ", "│   "
     return "\n".join(lines)

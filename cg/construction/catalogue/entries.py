@@ -168,9 +168,7 @@ def is_file(text: str) -> bool:
 def certificate_path(file: Path) -> Path:
     """Return the certificate beside the file of a method, or in a folder ``certificates`` there."""
     in_folder = file.parent / "certificates" / f"{file.stem}.toml"
-    if in_folder.is_file():
-        return in_folder
-    return file.with_name(file.stem + ".certificate.toml")
+    return in_folder if in_folder.is_file() else file.with_name(file.stem + ".certificate.toml")
 
 
 def check_path(path: str | PathLike[str]) -> Path:

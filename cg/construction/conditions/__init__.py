@@ -222,8 +222,7 @@ def jacobian(
            [0.   , 0.75 , 0.   , 0.667]])
     """
     order, layout, x = _packed(a, b, order, rows)
-    trees = _trees(order, independent)
-    return np.ascontiguousarray(core_calls.jacobian(order, layout, x, trees))
+    return np.ascontiguousarray(core_calls.jacobian(order, layout, x, _trees(order, independent)))
 
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,9 +47,7 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
 def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
     trees = forest(order + 1)
     indices = range(2, len(trees) + 1)
-    if not independent:
-        return tuple(indices)
-    return tuple(index for index in indices if trees.is_independent(index))
+    return tuple(k for k in indices if not independent or trees.is_independent(k))
 
 
 def table_rows(order: int) -> tuple[int, ...]:

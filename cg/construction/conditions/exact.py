@@ -203,8 +203,7 @@ class Weights:
         for word, where in self._needed.items():
             self._add(word, where)
             if word in self._letters:
-                chi = self._chi[word]
-                self._phi[word] = [chi[at] for at in layout.stage_points]
+                self._phi[word] = [self._chi[word][at] for at in layout.stage_points]
         return [
             self._chi[quantity.word][path[-1]] if path else (zero if quantity.word else one)
             for quantity, path in zip(self.quantities, self._paths, strict=True)

@@ -80,7 +80,8 @@ def linear_residuals(values: Values, order: int) -> list[Decimal]:
     """Return the coefficients of all `words` less those of the solution, with 64 digits."""
     with localcontext(_DIGITS):
         product = product_of_exponentials(_each(as_decimal, values), order)
-        return [product.get(word, 0) - _solution(word) for word in words(order)]
+        solution = {word: 1 / Decimal(prod(accumulate(reversed(word)))) for word in words(order)}
+        return [product.get(word, 0) - value for word, value in solution.items()]
 
 
 def linear_sensitivities(values: Values, units: Values, order: int) -> list[Decimal]:
@@ -157,14 +158,6 @@ def exponential(exponent: Series, order: int) -> Series:
         for word, x in power.items():
             total[word] = total.get(word, 0) + x
     return total
-
-
-def _solution(word: Word) -> Decimal:
-    value, degree = Decimal(1), 0
-    for j in reversed(word):
-        degree += j
-        value /= degree
-    return value
 
 
 @cache

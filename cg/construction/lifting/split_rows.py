@@ -84,13 +84,10 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
         (1 + len(rows.moved_stages), rows.result),
     ]
     for (before, row), length in zip(targets, lengths, strict=True):
-        last = START
-        for _ in range(length):
-            parents.append(last)
-            free_zeros = length > 1 and not zeros
-            uses.append({k for k in range(before) if row[k] or free_zeros})
-            last = len(parents) - 1
-        ends.append(last)
+        first, free_zeros = len(parents), length > 1 and not zeros
+        parents += [START, *range(first, first + length - 1)]
+        uses += [{k for k in range(before) if row[k] or free_zeros}] * length
+        ends.append(first + length - 1)
     return rows.layout(parents, ends[:-1], ends[-1], uses)
 
 

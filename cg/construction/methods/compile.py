@@ -80,10 +80,9 @@ def kind_of(method: Method) -> Kind:
 
 def error_exponent(method: Method) -> float:
     """Return the power of an error that a step is proportional to, by the orders of a pair."""
-    if method.third_order is not None:
+    if (third := method.third_order) is not None:
         pair = method.advancing_method if isinstance(method, MuntheKaas) else method
         second = min(pair.order, pair.embedded_order or 0)  # the first one may be lower
-        third = method.third_order
         return 1.0 / max(second + 1 + error_power(pair) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)

@@ -82,24 +82,6 @@ _NOISE = 10**4  # effect of rounded coefficients on sums of products, in units o
 _GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
 
 
-def break_ratio(method: Method, power: int) -> float | None:
-    """Return the largest ratio of the error of a step to its estimate where the field breaks.
-
-    The field jumps, or its derivative of order `power` does. The ratio of jumps is infinite for a
-    pair that has no node at the end of the step. None without an error estimate, and for Magnus
-    methods, whose estimates also use the nodes of the step before.
-    """
-    if method.embedded_order is None or isinstance(method, MagnusMethod):
-        return None
-    c, ratios = paths_of(method).abscissae, []
-    for jump in ((np.arange(1000) + 0.5) / 1000).tolist():
-        values = np.where(c >= jump, (c - jump) ** power, 0.0)
-        (result,), (estimate,) = _step(method, values, np.zeros(1))
-        exact = (1 - jump) ** (power + 1) / (power + 1)
-        ratios.append(abs(result - exact) / max(estimate, 1e-300))
-    return float(max(ratios))
-
-
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
@@ -128,20 +110,20 @@ def _max_ratio(
     turned = polyval(s, polyint(base))
     c = paths_of(method).abscissae
     for j in _POWERS:
-        result, estimate = _step(method, c**j, angles, base, powers)
+        result, estimate = result_and_estimate(method, c**j, angles, base, powers)
         error = abs(result - np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j))
         for k in np.flatnonzero((error > _NO_ERROR) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
             ratios.append(error[k] / max(nearby, _NO_ERROR * error[k]))
     for j in range(max(method.order, method.embedded_order or 0) + 5):
-        (result,), (quadrature,) = _step(method, c**j, np.zeros(1), base, powers)
+        (result,), (quadrature,) = result_and_estimate(method, c**j, np.zeros(1), base, powers)
         off = abs(result - 1 / (j + 1))
         if off > _NO_ERROR:
             ratios.append(off / max(quadrature, _NO_ERROR * off))
     return float(max(ratios))
 
 
-def _step(
+def result_and_estimate(
     method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT,
     powers: int | None = None,
 ) -> tuple[Vector, Vector]:  # fmt: skip
@@ -320,17 +302,12 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
     # pairs of a root, a ball, and its multiplicity; real roots have imaginary part 0 exactly
     pairs: list[Any] = [pair for factor in factors for pair in factor.numer().complex_roots()]
     roots = sorted(float(root.real) for root, _ in pairs if root.imag == 0 and root.real > 0)
-    if math.prod(_sign(next(filter(None, factor.coeffs()))) for factor in factors) < 0:
+    if math.prod(next(filter(None, factor.coeffs())) for factor in factors) < 0:
         return 0.0
     for left, right in pairwise(roots):
         if right > left:
             middle = to_flint((Fraction(left) + Fraction(min(right, sys.float_info.max))) / 2)
-            value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
-            if value < -growth * below(middle):
+            if math.prod(factor(middle) for factor in factors) < -growth * below(middle):
                 return left
-    sign_at_infinity = math.prod(_sign(factor.coeffs()[-1]) for factor in factors)
-    return roots[-1] if sign_at_infinity < 0 else math.inf
-
-
-def _sign(number: fmpq) -> int:
-    return int(number > 0) - int(number < 0)
+    at_infinity = math.prod(factor.coeffs()[-1] for factor in factors)
+    return roots[-1] if at_infinity < 0 else math.inf

@@ -68,10 +68,9 @@ error between the nodes is that of Lobatto's points.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
-from itertools import count
+from itertools import chain, count
 from typing import NamedTuple
 
 import numpy as np
@@ -113,9 +112,10 @@ def scheme_of(method: Method, paths: MethodPaths) -> InterpolantScheme:
     extension, polynomial = extension_of(method), paths.polynomial
     nodes = (method.stages, paths.abscissae) if polynomial else (inner_nodes(method), None)
     node, blend = _node_tables(*nodes)
-    flow_c, weights = _result_flows(method, paths)
-    final, series = extension.final + 1, _series_order(method)
-    return InterpolantScheme(final, series, *extension[1:], node, blend, flow_c, weights)
+    flows, series = _result_flows(method, paths), inner_nodes(method) + 1
+    if isinstance(method, MuntheKaas):
+        series = max(method.advancing_method.order, 1)
+    return InterpolantScheme(extension.final + 1, series, *extension[1:], node, blend, *flows)
 
 
 def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
@@ -139,13 +139,6 @@ def inner_nodes(method: Method) -> int:
     if isinstance(method, Splitting):
         step, enough = 2, method.order + 1 if method.order > 2 else 2
     return enough + (enough > 2 and evaluations_of_nodes(enough + 1, step) <= method.stages)
-
-
-def _series_order(method: Method) -> int:
-    """Return the order up to which the series of dexp⁻¹ is needed."""
-    if isinstance(method, MuntheKaas):
-        return max(method.advancing_method.order, 1)
-    return inner_nodes(method) + 1
 
 
 def evaluations_of_nodes(nodes: int, step: int) -> int:
@@ -191,7 +184,8 @@ def _with_stages(method: MuntheKaas) -> Extension:
     lower = trees.size <= method.order
     rounding = np.abs(weights @ result - 1.0 / trees.density)[lower].max(initial=0.0)
     theta: list[float] = []
-    reached, nodes = 3, _further_nodes()
+    further = (0.05 + 0.9 * math.modf(k * (math.sqrt(5.0) - 1.0) / 2.0)[0] for k in count(1))
+    reached, nodes = 3, chain(_NODES, further)
     basis = _hermite(result, final)
     while True:
         while reached < order:
@@ -261,12 +255,6 @@ class _Trees:
         ends = weights[:, :k] @ row[:k]
         new = [math.prod(ends[children].tolist()) for children in self.children]
         return np.column_stack([weights, new])
-
-
-def _further_nodes() -> Iterator[float]:
-    yield from _NODES
-    for k in count(1):
-        yield 0.05 + 0.9 * math.modf(k * (math.sqrt(5.0) - 1.0) / 2.0)[0]
 
 
 def _values(degree: int, theta: float) -> Array:

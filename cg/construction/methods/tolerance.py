@@ -56,8 +56,7 @@ def tolerance(layout: Layout, coefficients: Sequence[Coefficient], order: int) -
     units = _units(coefficients)
     if not units.any():
         return np.zeros(conditions.count(order, independent=True))
-    x = to_floats(coefficients)
-    jacobian = conditions.jacobian(layout, x, order, independent=True)
+    jacobian = conditions.jacobian(layout, to_floats(coefficients), order, independent=True)
     return np.asarray(TOLERANCE_FACTOR * (np.abs(jacobian) @ units))
 
 

@@ -333,10 +333,8 @@ def independent_trees(q: int) -> tuple[RootedTree, ...]:
     each of which a commutator of flows is such a step.
     """
     trees = [tree for tree in nystrom_trees(q) if node_count(tree) == q]
-    rows = []
-    for letters in product((0, 1), repeat=q):
-        drifts, kicks = _commutator(letters)
-        rows.append(nystrom_values(drifts, kicks, q)[-len(trees) :])
+    steps = map(_commutator, product((0, 1), repeat=q))
+    rows = [nystrom_values(*step, q)[-len(trees) :] for step in steps]
     reduced, rank = flint.fmpq_mat(rows).rref()
     entries = reduced.tolist()
     pivots = [next(k for k, x in enumerate(entries[i]) if x != 0) for i in range(rank)]

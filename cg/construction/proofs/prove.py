@@ -112,10 +112,9 @@ def _prove_without(
     jacobian = doubles(at_point[1].tolist())
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
-    measures: dict[str, float] = {}
     for candidates in (rough, nonzero):  # better to hold all that are exact, not zeros only
         rank, singular = numerical_rank(jacobian[:, candidates])
-        measures = {
+        measures: dict[str, float] = {
             "conditions": len(jacobian),
             "rank": rank,
             "smallest_singular_value": float(singular[-1]),

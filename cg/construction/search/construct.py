@@ -54,8 +54,7 @@ def run_try(settings: Settings, index: int) -> Try:
         stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
         layout = Layout.tableau(stages, pair=settings.embedded)
     system = settings.system(layout)
-    fixed = fixed_entries(settings.order, layout)
-    guess = draw_guess(layout, settings.width, random, fixed)
+    guess = draw_guess(layout, settings.width, random, fixed_entries(settings.order, layout))
     guess[system.zeros] = 0.0
     start = Candidate(system, guess)
     candidate = solve_start(start, settings.iterations, promising=settings.promising)

@@ -8,7 +8,7 @@ of trees that are drawn at random with each start.
 """
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from operator import attrgetter
@@ -51,7 +51,7 @@ class SearchResult:
     @property
     def exact_starts(self) -> int:
         """Number of starts that solved the order conditions, whatever else is required."""
-        return sum(1 for _ in self._exact())
+        return sum(start.exact for start in self.starts)
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
@@ -62,7 +62,7 @@ class SearchResult:
         """
         methods: list[Method] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
-        for start in self._exact():
+        for start in filter(attrgetter("exact"), self.starts):
             layout, _ = draw_start(self.settings, start.index)
             key = layout, tuple(round(float(entry), 8) for entry in start.x)
             if key not in seen:
@@ -86,9 +86,6 @@ class SearchResult:
     def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=attrgetter("max_residual"))
-
-    def _exact(self) -> Iterable[RandomStart]:
-        return (start for start in self.starts if start.exact)
 
     @single_threads()
     def _method(self, start: RandomStart, layout: Layout) -> Method | None:

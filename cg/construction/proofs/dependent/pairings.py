@@ -45,7 +45,6 @@ from cg.construction.conditions.exact import (
     words_with,
 )
 from cg.construction.layouts import Layout
-from cg.construction.points import START
 from cg.construction.proofs.krawczyk import doubles
 from cg.support import flint
 from cg.support.quads import to_flint
@@ -220,19 +219,14 @@ def _moments_of(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector
     flow to point m this is ``s v_m - s_m V``, with s and the sum V of v at its start, and its own
     s_m: the products of what s and v gain on the flow itself cancel.
     """
-    ends: list[Any] = []  # s at the end of each flow
-    after: list[Any] = []  # V at the end of each flow
-    moments_of_flows: list[Any] = []
+    # s and V at the end of each flow, and last at the start, where both are exactly 0
+    ends: Vector = [flint.arb(0)] * (len(flows) + 1)
+    after: Vector = [flint.arb(0)] * (len(flows) + 1)
+    moments_of_flows: Vector = []
     for m, parent in enumerate(layout.parents):
         step = sum((y[k] for k, _ in _terms(layout, m)), flint.arb(0))
-        if parent == START:
-            ends.append(step)
-            after.append(flows[m])
-            moments_of_flows.append(flint.arb(0))  # exactly: both terms are the same there
-        else:
-            moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
-            ends.append(ends[parent] + step)
-            after.append(after[parent] + flows[m])
+        moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
+        ends[m], after[m] = ends[parent] + step, after[parent] + flows[m]
     return moments_of_flows
 
 
