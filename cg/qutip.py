@@ -165,9 +165,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     def _solve(self, times: Array) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
         options |= {n: self.options[n] for n in ("max_step", "first_step") if self.options[n]}
-        if "max_step" not in options and not all(
-            isinstance(part, InterCoefficient) for part in self._functions
-        ):
+        in_pieces = all(isinstance(part, InterCoefficient) for part in self._functions)
+        if "max_step" not in options and not in_pieces:
             options["max_step"] = _INTERVALS * np.abs(np.diff(times)).max()
         start, end = sorted((times[0], times[-1]))
         stops = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))

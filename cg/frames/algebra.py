@@ -25,7 +25,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,11 +84,7 @@ def _growth(
     adjoint: Callable[[Array], Array], v: Array, bound: Array, axes: int
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the growth factor of high powers of `adjoint` on ``v``, and whether they commute."""
-    last = tuple(range(-axes, 0))
-
-    def size(x: Array) -> Array:
-        return np.asarray(np.sqrt((np.abs(x) ** 2).sum(axis=last, keepdims=True)))
-
+    size = partial(np.linalg.vector_norm, axis=tuple(range(-axes, 0)), keepdims=True)
     rounding = COMMUTE * np.finfo(np.float64).eps * bound.reshape(*bound.shape, *[1] * axes)
     power = v / np.maximum(size(v), _MIN_SIZE)
     factors = []

@@ -166,10 +166,8 @@ class Frame(Manifold, FieldAlgebra):
         entries = np.abs([slopes - self.field(v, rows), slopes])
         # unlike sums of squares, np.hypot doesn't overflow
         dropped, sizes = np.hypot.reduce(entries, axis=tuple(range(2, entries.ndim)))
-        large = dropped > NORMAL_ROUNDING
-        relative = np.divide(
-            dropped, np.maximum(sizes, dropped), np.zeros_like(dropped), where=large
-        )
+        large, sizes = dropped > NORMAL_ROUNDING, np.maximum(sizes, dropped)
+        relative = np.divide(dropped, sizes, np.zeros_like(dropped), where=large)
         return v.reshape(*lead, self.dim), relative.reshape(lead)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
@@ -396,9 +394,8 @@ class CompiledFlow(Frame):
 
 def check_frame(frame: Any, name: str = "frame") -> None:
     """Raise TypeError unless ``frame`` is a frame."""
-    if isinstance(frame, Frame):
-        return
-    raise TypeError(f"{name} must be a Frame such as SO3() or Euclidean(3), got {frame!r}")
+    if not isinstance(frame, Frame):
+        raise TypeError(f"{name} must be a Frame such as SO3() or Euclidean(3), got {frame!r}")
 
 
 @dataclass(frozen=True, repr=False)

@@ -143,22 +143,17 @@ class CoadjointOrbit(Frame):
         derivatives = (products + products.mT).reshape(self.dim, len(rows), -1).mT
         return combine(_null_space(derivatives), symmetric)
 
-    def _casimirs(self, y: Array) -> tuple[Array, Array]:
-        """Return the Casimirs' excess over their values at ``point``, and their gradients."""
+    def _correction(self, y: Array) -> tuple[Array, Array]:
+        """Return the Casimirs' excess over their values at ``point``, and what to subtract."""
         base_point = np.array(self.point)
         linear, quadratic = self.linear_casimirs, self.quadratic_casimirs
         difference = y - base_point
         middle = (quadratic @ (y + base_point)[..., None, :, None])[..., 0]
         excess = (middle @ difference[..., None])[..., 0]
+        excess = np.concatenate([difference @ linear.T, excess], axis=-1)
         gradients = 2.0 * (quadratic @ y[..., None, :, None])[..., 0]
         constant = np.broadcast_to(linear, (*y.shape[:-1], *linear.shape))
-        return (
-            np.concatenate([difference @ linear.T, excess], axis=-1),
-            np.concatenate([constant, gradients], axis=-2),
-        )
-
-    def _correction(self, y: Array) -> tuple[Array, Array]:
-        excess, gradients = self._casimirs(y)
+        gradients = np.concatenate([constant, gradients], axis=-2)
         if gradients.shape[-2] == 1:
             square = np.vecdot(gradients, gradients)
             multiplier = np.divide(excess, square, out=np.zeros_like(square), where=square > 0.0)

@@ -67,8 +67,7 @@ def frames_for_derivatives(frame: Frame) -> tuple[Frame, Frame]:
 
 def check_brackets(frame: Frame, method: object) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
-    reason = facts_of(frame).no_brackets
-    if reason is not None:
+    if (reason := facts_of(frame).no_brackets) is not None:
         raise ValueError(
             f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
             f"{method!r}, which needs brackets: {reason}"

@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
@@ -39,12 +40,6 @@ class Body:
     sphere: bool = False  # whether it is a point of a sphere
 
     @property
-    def signed_columns(self) -> int:
-        """The number of columns of the inverse, negative for a rigid body with a ``top``."""
-        columns = int(self.inverse.shape[1])
-        return columns if self.top is None else -columns
-
-    @property
     def commutes(self) -> bool:
         """Whether the flow of the gyroscopic force commutes with free motion."""
         if self.top is None or self.gyroscopic is None:
@@ -61,8 +56,12 @@ def times(rows: Array, matrix: Array) -> Array:
     return np.asarray(rows * matrix[:, 0] if matrix.shape[1] == 1 else rows @ matrix)
 
 
-def constants_of_bodies(bodies: tuple[Body, ...]) -> Array:
-    """Return the constants of bodies, as compiled code reads them."""
+def compiled_bodies(bodies: tuple[Body, ...]) -> tuple[NDArray[np.intc], Array]:
+    """Return the columns and the constants of bodies, as compiled code reads them.
+
+    The columns are those of the inverse, as a negative number for a rigid body with a ``top``.
+    """
+    columns = [body.inverse.shape[1] * (1 if body.top is None else -1) for body in bodies]
     constants: list[Any] = []
     for body in bodies:
         constants += [*body.inverse.T.flat, *body.root.T.flat]
@@ -71,7 +70,7 @@ def constants_of_bodies(bodies: tuple[Body, ...]) -> Array:
         else:
             constants += [1.0 if body.commutes else 2.0, *body.gyroscopic.T.flat]
         constants += [] if body.top is None else [*body.top]
-    return np.array(constants)
+    return np.array(columns, dtype=np.intc), np.array(constants)
 
 
 def hashable(value: Any) -> Any:
@@ -198,13 +197,12 @@ def _of_each_body(frame: Power, value: Any, name: str) -> Array | None:
 
 def _check_frame(frame: Frame) -> None:
     """Raise ValueError unless the free motion on a frame is known for some inertia."""
-    if isinstance(frame, SO | UnitQuaternion | U | Euclidean | Sphere):
-        if frame.compiled_blocks() is not None:
-            return
+    if not isinstance(frame, SO | UnitQuaternion | U | Euclidean | Sphere):
+        raise ValueError(
+            f"frame must be one whose free motion is known exactly, {_KNOWN}, got {frame!r}"
+        )
+    if frame.compiled_blocks() is None:
         raise ValueError(f"frame must be compiled, {_KNOWN}, n at most 12; {frame!r} is not")
-    raise ValueError(
-        f"frame must be one whose free motion is known exactly, {_KNOWN}, got {frame!r}"
-    )
 
 
 def _checked(value: Any, n: int, name: str, hint: str) -> Array:

@@ -117,16 +117,14 @@ class Joint:
         first, second = (-1 if end[0] is None else end[0] for end in (self.first, self.second))
         return first, second
 
-    def rows(self) -> tuple[list[list[int]], list[list[float]]]:
-        """Return the constraints as integers and numbers, see `make_linkage` in Fortran."""
+    def rows(self) -> Iterator[tuple[list[int], list[float]]]:
+        """Yield the constraints as integers and numbers, see `make_linkage` in Fortran."""
         points = [*self.first[1], *self.second[1]]
         axes = [np.array(end[2]).T if end[2] else np.eye(3) for end in (self.first, self.second)]
-        integers, numbers = [], []
         for form, i, j in KINDS[self.kind]:
             first_axes = np.eye(3) if form is RowForm.ALONG_SPACE else axes[0]
-            integers.append([int(form), *(body + 1 for body in self.bodies)])
-            numbers.append([*points, *first_axes[i], *axes[1][j], self.length or 0.0])
-        return integers, numbers
+            integers = [int(form), *(body + 1 for body in self.bodies)]
+            yield integers, [*points, *first_axes[i], *axes[1][j], self.length or 0.0]
 
 
 def _attachment(value: Any, name: str, kind: str) -> tuple[Any, ...]:
@@ -207,9 +205,8 @@ class Linkage:
 
     def __init__(self, frame: Any) -> None:
         self._frame = frame
-        bodies = bodies_of(frame.configuration)
-        self.joints = frame.joints
-        for k, joint in enumerate(self.joints):
+        bodies, joints = bodies_of(frame.configuration), frame.joints
+        for k, joint in enumerate(joints):
             if max(joint.bodies) >= len(bodies):
                 raise ValueError(
                     f"the bodies of joints[{k}] must be less than {len(bodies)}, the number of "
@@ -217,23 +214,17 @@ class Linkage:
                     f"{joint.bodies}"
                 )
         # rows of bodies that follow each other follow each other too: see joints.f90
-        order = sorted(range(len(self.joints)), key=lambda k: sorted(self.joints[k].bodies)[::-1])
-        integers: list[list[int]] = []
-        numbers: list[list[float]] = []
-        rows_of = {}
-        for k in order:
-            rows = self.joints[k].rows()
-            rows_of[k] = range(len(integers), len(integers) + len(rows[0]))
-            integers += rows[0]
-            numbers += rows[1]
+        order = sorted(range(len(joints)), key=lambda k: sorted(joints[k].bodies)[::-1])
+        rows = [(k, *row) for k in order for row in joints[k].rows()]
+        joint_of_row, integers, numbers = ([row[i] for row in rows] for i in range(3))
         self.user_count = 0
         if frame.constraints is not None:
             self._g, self._dg = frame.constraints
             self.user_count = self._count()
         self.count = len(integers) + self.user_count
-        self.slices = [np.array(rows_of[k], dtype=np.intp) for k in range(len(self.joints))]
+        self.slices = [np.flatnonzero(np.equal(joint_of_row, k)) for k in range(len(joints))]
         self.slices += [np.arange(len(integers), self.count)] * (frame.constraints is not None)
-        reader = self._evaluate  # the only reference of compiled code to this object
+        self._reader = self._evaluate  # the only reference of compiled code to this object
         blocks = describe_blocks(frame.compiled_blocks() or ())
         self.address: int = core.plan_open(blocks, np.zeros(1), False, 0)
         weakref.finalize(self, core.plan_close, self.address)
@@ -242,9 +233,8 @@ class Linkage:
             raise MemoryError("there is not enough memory for the inertia of bodies")
         core.plan_set_joints(
             self.address, _padded(bodies, 2, np.intc), _padded(integers, 3, np.intc),
-            _padded(numbers, 13, np.float64), self.user_count, id(reader),
+            _padded(numbers, 13, np.float64), self.user_count, id(self._reader),
         )  # fmt: skip
-        self._reader = reader
 
     def _call(self, procedure: str, *rows: NDArray[Any]) -> NDArray[np.intc]:
         """Call a compiled procedure with points and what belongs to each; return a status each."""

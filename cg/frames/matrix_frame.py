@@ -112,8 +112,7 @@ class MatrixFrame(UserFrame):
         return np.asarray(constants.T.reshape(self.dim, self.dim, self.dim))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        constants = self._structure_constants
-        if constants is None:
+        if (constants := self._structure_constants) is None:
             raise NotImplementedError(
                 f"{self!r} has no bracket: its matrices do not span a Lie algebra"
             )

@@ -171,13 +171,9 @@ def random_unitary(
 
 def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
     """Return eigenvalues and eigenvectors of symmetric matrices, NaN where not finite."""
-    finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
-    safe = np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1]))
-    values, vectors = np.linalg.eigh(safe)
-    return (
-        np.where(finite[..., None], values, np.nan),
-        np.where(finite[..., None, None], vectors, np.nan),
-    )
+    finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1), keepdims=True))
+    values, vectors = np.linalg.eigh(np.where(finite, matrices, np.eye(matrices.shape[-1])))
+    return np.where(finite[..., 0], values, np.nan), np.where(finite, vectors, np.nan)
 
 
 # Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.

@@ -304,9 +304,8 @@ class MatrixGroup(Frame):
         """Return coefficients, NaN where their flow from ``start`` does not end at ``end``."""
         computable = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
         with np.errstate(over="ignore", invalid="ignore"):
-            error = np.linalg.matrix_norm(
-                self.flow(np.where(computable[..., None], v, 0.0), start) - end
-            )
+            moved = self.flow(np.where(computable[..., None], v, 0.0), start)
+            error = np.linalg.matrix_norm(moved - end)
             reached = computable & (error <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
         return np.where(reached[..., None], v, np.nan)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import Body, Inertia, constants_of_bodies, hashable, read_inertia, times
+from cg.frames.inertia import Body, Inertia, compiled_bodies, hashable, read_inertia, times
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
 from cg.support.arrays import Array, Points, Size, check_random, real_array
@@ -391,8 +391,7 @@ class PhaseSpace(Product):
 
     def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
-        columns = np.array([body.signed_columns for body in self._bodies], dtype=np.intc)
-        return columns, constants_of_bodies(self._bodies)
+        return compiled_bodies(self._bodies)
 
     _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`
 

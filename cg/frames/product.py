@@ -204,8 +204,7 @@ class Product(Composite):
     def _blocks(self) -> Blocks | None:
         blocks: Blocks = ()
         for factor in self.factors:
-            factor_blocks = factor.compiled_blocks()
-            if factor_blocks is None:
+            if (factor_blocks := factor.compiled_blocks()) is None:
                 return None
             blocks += factor_blocks
         # Compiled code measures errors either in coordinates or in entries, for all blocks.

@@ -216,11 +216,9 @@ class SO3(SO):
         size = check_random(rng, size)
         q = rng.standard_normal((*size, 4))
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
-        axis = q[..., 1:]
-        scalar = q[..., :1, None]
+        w, axis = q[..., :1, None], q[..., 1:]
         outer = axis[..., :, None] * axis[..., None, :]
-        identity = np.eye(3)
-        return np.asarray((2.0 * scalar**2 - 1.0) * identity + 2.0 * (outer + scalar * hat(axis)))
+        return np.asarray((2.0 * w**2 - 1.0) * np.eye(3) + 2.0 * (outer + w * hat(axis)))
 
 
 @dataclass(frozen=True, repr=False)

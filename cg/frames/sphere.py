@@ -75,8 +75,7 @@ class Sphere(SizedFrame, UnitVectors, HomogeneousSpace):
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the shortest rotation that takes ``y0`` to ``y1``, NaN if they are antipodal."""
-        start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        start, end = np.broadcast_arrays(start, end)
+        start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         # Subtracting a multiple of the start from the end leaves the wedge product unchanged and
         # avoids cancellation.
         cosine = np.vecdot(start, end)

@@ -221,6 +221,5 @@ class Grassmann(_Subspaces, Orbit):
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return subspaces uniform under rotations, shape ``(*size, n, n)``."""
-        size = check_random(rng, size)
-        basis = random_unitary(rng, (*size, self.n, self.k))
+        basis = random_unitary(rng, (*check_random(rng, size), self.n, self.k))
         return self.restore(basis @ basis.mT)

@@ -256,9 +256,8 @@ class IsospectralOrbit(Orbit):
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         # In eigenvectors entry (i, j) of the tangent is that of the generator times the gap.
         gaps = self._eigenvalues - self._eigenvalues[:, None]
-        apart = (
-            np.abs(gaps) > len(gaps) * np.finfo(np.float64).eps * np.abs(self._eigenvalues).max()
-        )
+        rounding = len(gaps) * np.finfo(np.float64).eps * np.abs(self._eigenvalues).max()
+        apart = np.abs(gaps) > rounding
         weights = np.divide(1.0, gaps, out=np.zeros_like(gaps), where=apart)
         _, vectors = eigh_where_finite(y)
         generator = weights * (vectors.mT.conj() @ tangent @ vectors)

@@ -66,8 +66,7 @@ class UserFrame(Frame):
 
     def _evaluate(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
         """Return the results of the user's function of that name, None if there is none."""
-        function = self._functions.get(name)
-        if function is None:
+        if (function := self._functions.get(name)) is None:
             return None
         axes = len(self.point_shape)
         dtype = self.dtype if name in ("restore", "project") else np.float64
@@ -90,9 +89,8 @@ class UserFrame(Frame):
         """Return the user's errors; by default zeros, since every array is a point."""
         point = self._points(y)
         error = self._evaluate("membership_error", (), point)
-        return (
-            np.zeros(point.shape[: point.ndim - len(self.point_shape)]) if error is None else error
-        )
+        zeros = np.zeros(point.shape[: point.ndim - len(self.point_shape)])
+        return zeros if error is None else error
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the user's coordinates, by default None."""
@@ -102,8 +100,7 @@ class UserFrame(Frame):
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points from the user's function, or normal ones where all arrays are points."""
         size = check_random(rng, size)
-        function = self._functions.get("random_point")
-        if function is not None:
+        if (function := self._functions.get("random_point")) is not None:
             # A batch of empty arguments, so that the function is called once for each point.
             empty = np.empty((*size, 0))
             return self._call(
@@ -220,8 +217,7 @@ class FieldFrame(UserFrame):
     def _bracket(self, u: Array, v: Array) -> Array:
         if self.dim == 1:
             return np.zeros(np.broadcast_shapes(u.shape, v.shape))
-        function = self._functions.get("bracket")
-        if function is None:
+        if (function := self._functions.get("bracket")) is None:
             raise NotImplementedError(
                 f"{self!r} has no bracket: if its fields span a Lie algebra, pass "
                 "FieldFrame(..., bracket=...)"

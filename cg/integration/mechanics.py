@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.frames.inertia import constants_of_bodies, read_inertia
+from cg.frames.inertia import compiled_bodies, read_inertia
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.heat_bath import Langevin
 from cg.integration.options import EnsembleOptions
@@ -118,9 +118,7 @@ def is_symmetric(table: MethodTable) -> bool:
     drifts, kicks = table.arrays["drifts"], table.arrays["weight"]
     if len(drifts) == len(kicks):
         drifts = np.append(0.0, drifts)
-    return all(
-        np.allclose(numbers, numbers[::-1], rtol=0.0, atol=1e-12) for numbers in (drifts, kicks)
-    )
+    return all(np.allclose(x, x[::-1], rtol=0.0, atol=1e-12) for x in (drifts, kicks))
 
 
 class MemberInertia(NamedTuple):
@@ -168,15 +166,15 @@ def read_member_inertia(
         raise ValueError(
             f"inertia must have {members} entries, one for each member, got {len(entries)}"
         )
-    columns, rows = [], []
+    pairs = []
     for k, entry in enumerate(entries):
         _, bodies = read_inertia(frame.configuration, entry, f"inertia[{k}]", frame.gyroscopic)
-        columns.append([body.signed_columns for body in bodies])
-        rows.append(constants_of_bodies(bodies))
+        pairs.append(compiled_bodies(bodies))
+    columns, rows = zip(*pairs, strict=True)
     constants = np.zeros((len(rows), max(map(len, rows))))
     for padded, row in zip(constants, rows, strict=True):
         padded[: len(row)] = row
-    return MemberInertia(np.array(columns, dtype=np.intc), constants, entries, one_by_one)
+    return MemberInertia(np.array(columns), constants, entries, one_by_one)
 
 
 def step_function_of(

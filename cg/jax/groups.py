@@ -312,8 +312,7 @@ def _motions(frame: Semidirect) -> Group:
     def exponential(v: JaxArray) -> JaxArray:
         omega, wedge = v[:3], linear(v[:3], frame.group.basis)
         columns = v[3:].reshape(frame.copies, 3).T
-        average = average_rotation(omega, wedge)
-        return _assembled(rotation_matrix(omega, wedge), average @ columns)
+        return _assembled(rotation_matrix(omega, wedge), average_rotation(omega, wedge) @ columns)
 
     def log1p(x: JaxArray) -> JaxArray:
         omega = rotation_logarithm(x[:3, :3])

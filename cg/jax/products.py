@@ -66,8 +66,7 @@ def product_rules(frame: Product, factors: list[Rules]) -> Rules:
         return [getattr(rules, name)(*parts) for rules, *parts in pairs]
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        orders = [order] * len(factors)
-        return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
+        return jnp.concatenate(each("dexpinv", cut(u), cut(v), [order] * len(factors)))
 
     def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
         return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))

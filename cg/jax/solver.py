@@ -142,9 +142,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients at a point."""
         refuse_implicit_adjoint(rules_in(terms).frame)
-        if isinstance(terms, diffrax.MultiTerm):
-            return terms.terms[0].vf(t0, y0, args)
-        return terms.vf(t0, y0, args)
+        drift = terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms
+        return drift.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
         """Return the state, after checking the term and the point."""

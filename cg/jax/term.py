@@ -199,8 +199,7 @@ class NoiseTerm(diffrax.ControlTerm):
 
 def rules_in(terms: Any) -> Rules:
     """Return the rules of the frame of a term; TypeError if it is no term of a frame."""
-    first = terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms
-    term = unwrapped(first)
+    term = unwrapped(terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms)
     if isinstance(term, FrameTerm):
         return rules_of(term.frame)
     raise TypeError(f"terms must be one cg.jax.FrameTerm, got {type(term).__name__}")

@@ -117,8 +117,7 @@ def _vectors(points: Any, frame: Frame | None) -> Array:
     """Return real vectors, or the third axes of rotations, shape ``(n, 3)``."""
     if points.ndim == 2 and points.shape[1:] == (3,):
         return real_array(points, "y")
-    rotations = rotations_on(frame, points)
-    if rotations is None:
+    if (rotations := rotations_on(frame, points)) is None:
         raise ValueError(
             "y must have shape (n, 3), or (n, 3, 3) or (n, 4) of rotations, got "
             f"{points.shape} on {frame!r}"

@@ -34,14 +34,6 @@ def real_array(value: Any, name: str) -> Array:
     return _number_array(value, name, np.float64, "iufO", "real")
 
 
-def is_complex_array(value: Any) -> bool:
-    """Return whether an array-like value has a complex dtype."""
-    try:
-        return np.iscomplexobj(value)
-    except (TypeError, ValueError):
-        return False
-
-
 def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     """Return ``value`` as a new C-ordered complex128 array; ValueError if it isn't numbers."""
     return _number_array(value, name, np.complex128, "iufcO", "complex")
@@ -49,7 +41,11 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
 
 def number_array(value: Any, name: str) -> Points:
     """Return ``value`` as a complex array if its dtype is complex, else as a real one."""
-    return (complex_array if is_complex_array(value) else real_array)(value, name)
+    try:
+        is_complex = np.iscomplexobj(value)
+    except (TypeError, ValueError):
+        is_complex = False
+    return (complex_array if is_complex else real_array)(value, name)
 
 
 def vectors_of_one_length(name: str, x: Any, errors: Any) -> tuple[Array, Array]:

@@ -71,8 +71,7 @@ def _compiled() -> Any:
 
 def core(label: str) -> Any:
     """Return the compiled core in real(16), which `label` needs; MissingQuadsError without it."""
-    compiled = _compiled()
-    if compiled is None:
+    if (compiled := _compiled()) is None:
         raise MissingQuadsError(
             f"{label} needs quadruple precision, which this build of crouch-grossman was made "
             "without (-Dquad=disabled); build it with gfortran to have it"

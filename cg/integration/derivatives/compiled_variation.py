@@ -64,11 +64,6 @@ class CompiledVariation(CompiledRhs):
         failed = FailedFunction(record.failed_function)
         return None if failed is FailedFunction.PRODUCTS else failed.name.lower()
 
-    def addresses(self) -> tuple[int, int, int]:
-        """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = self.data.strides[0] if len(self.data) > 1 else 0
-        return self.address, self.data_address, distance
-
     @property
     def data_address(self) -> int:
         """Address of the parameters of the first member."""

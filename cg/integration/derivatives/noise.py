@@ -48,8 +48,7 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
         )
     shape = frame.dim, frame.dim
     if not callable(noise) and compiled_rhs(noise, "noise") is None:
-        matrix = check_covariance(noise, frame.dim, None, "noise")
-        return np.ascontiguousarray(matrix)
+        return check_covariance(noise, frame.dim, None, "noise")
     function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.extra.inputs, Noise)
     assert isinstance(function, Noise)
     if isinstance(function.function, CompiledRhs) and rhs.extra.inputs is None:

@@ -86,10 +86,6 @@ class VariationalEvents:
         equation = replace(self.equation, form=RhsForm(frame))
         return VariationalEvents(self.table.on_frame(frame), equation, self.stops)
 
-    def between(self, stops: Array) -> VariationalEvents:
-        """Return the events between other stops."""
-        return VariationalEvents(self.table, self.equation, stops)
-
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
         return self.table.value(index, t, self.equation.split(y)[0], arguments)
@@ -183,8 +179,7 @@ class VariationalEvents:
         return before * after < 0.0 and abs(before - after) > _MIN_RATE * span
 
     def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
-        function = self._callable[index]
-        if function is None:
+        if (function := self._callable[index]) is None:
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
         numbers = data_at(t, arguments, self.equation.parameter_count > 0)

@@ -55,20 +55,13 @@ class DerivativeSplitter:
         if equation.noise is not None:
             added = x[..., n + equation.parameter_count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
-        fields: dict[str, Any] = {
-            "y": y,
-            "transition": transition,
-            "sensitivity": None,
-            "covariance": total,
-        }
+        fields = {"y": y, "transition": transition, "covariance": total, "sensitivity": None}
         if equation.chosen is not None and not equation.has_point_directions:
-            fields["transition"], fields["sensitivity"] = None, x
+            fields |= {"transition": None, "sensitivity": x}
         elif equation.parameter_count and equation.chosen is None:
             fields["sensitivity"] = x[..., n : n + equation.parameter_count]
-        for name, array in fields.items():
-            if array is not None:
-                fields[name] = read_only(np.ascontiguousarray(array))
-        return fields
+        stored = {name: np.ascontiguousarray(x) for name, x in fields.items() if x is not None}
+        return fields | {name: read_only(array) for name, array in stored.items()}
 
     def finish(
         self, problem: Problem, variational: Problem, solution: EnsembleSolution
@@ -95,7 +88,8 @@ class DerivativeSplitter:
             tables = [table.on_frame(frame) for frame in frames]
         if problem.member_inputs:
             stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
-            tables = [each.between(own) for each, own in zip(tables, stops, strict=True)]
+            pairs = zip(tables, stops, strict=True)
+            tables = [VariationalEvents(each.table, each.equation, own) for each, own in pairs]
         events: Any = solution.t_events, solution.y_events
         fields = {
             name: [[split(z)[0] for z in members] for members in getattr(solution, name)]

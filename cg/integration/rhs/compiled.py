@@ -75,9 +75,8 @@ class CompiledRhs:
                 f"args must be None for a compiled {self.name}, whose numbers are parameters, "
                 f"got {extra.args!r}"
             )
-        data = extra.parameters
-        if extra.inputs is not None:
-            data = extra.inputs.data_with(data)
+        parameters, inputs = extra.parameters, extra.inputs
+        data = parameters if inputs is None else inputs.data_with(parameters)
         return changed(self, extra=extra, data=data)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -85,7 +84,7 @@ class CompiledRhs:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = 0 if self.extra.parameters is None else self.data.strides[0]
+        distance = 0 if self.data is None or len(self.data) == 1 else self.data.strides[0]
         return self.address, self.data_address, distance
 
     @property

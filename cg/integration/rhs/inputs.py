@@ -210,12 +210,10 @@ class DataReader(Reader):
 
     def function(self) -> Callable[[float], Any]:
         """Return the inputs as a function, which reads them from the data."""
-        reads, start = [], 0
-        for curve in self.inputs.curves:
-            stop = start + math.prod(curve.shape)
-            values = self._data[start:stop].reshape(curve.shape)
+        reads = []
+        for curve, numbers in self.inputs._by_curve(self._data):
+            values = numbers.reshape(curve.shape)
             reads.append(values.copy if curve.shape else values.item)
-            start = stop
         if self.inputs.in_tuple:
             return lambda t: tuple([read() for read in reads])
         return lambda t: reads[0]()

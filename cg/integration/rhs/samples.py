@@ -159,10 +159,8 @@ def _prediction_errors(times: Array, values: Array, rounding: Array) -> Array:
     stencil = [nodes[starts + i] for i in range(count)]
     error = -values[1::2]
     for i, point in enumerate(stencil):
-        weight = np.ones_like(at)
-        for j, other in enumerate(stencil):
-            if j != i:
-                weight *= (at - other) / (point - other)
+        others = stencil[:i] + stencil[i + 1 :]
+        weight = np.prod([(at - other) / (point - other) for other in others], axis=0)
         error += weight[:, None] * values[::2][starts + i]
     error = np.abs(error)
     return np.where(error > rounding, error, 0.0)
