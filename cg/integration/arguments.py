@@ -51,10 +51,10 @@ def check_times(name: str, value: Any, where: str, start: float, stop: float) ->
     if outside is not None:
         first, last, got = texts_of(low, high, times[outside])
         raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
-    increases = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
+    increases = math.copysign(1.0, stop - start) * (inside[1:] - inside[:-1]) > 0.0
     if not increases.all():
         index = int(np.argmin(increases))
-        before, got = texts_of(*times[index : index + 2])
+        before, got = texts_of(*inside[index : index + 2])
         raise ValueError(
             f"{name} must be strictly sorted in the direction of integration, got {got} after "
             f"{before} at [{index + 1}]"

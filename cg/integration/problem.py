@@ -94,6 +94,7 @@ class Problem:
     member_inputs: tuple[Inputs, ...] = ()
     # times and steps
     t0: float
+    direction: float  # 1.0 forward in time, -1.0 backward, also where the span is empty
     stops: Array  # breakpoints, then the final time
     limits: Array  # rows (t, limit): steps from t to the next row are at most limit long
     control: Control
@@ -129,11 +130,6 @@ class Problem:
     def t1(self) -> float:
         """Final time."""
         return float(self.stops[-1])
-
-    @property
-    def direction(self) -> float:
-        """1.0 forward in time, -1.0 backward, which a result with one time doesn't show."""
-        return -1.0 if self.t1 < self.t0 else 1.0
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
@@ -286,7 +282,8 @@ def _check_rhs(
     if not linear or isinstance(rhs, PythonRhs):
         return
     point, nowhere = points[0], np.full_like(points[0], np.nan)
-    if not np.array_equal(rhs.at_member(0, start, point), rhs.at_member(0, start, nowhere)):
+    values = rhs.at_member(0, start, point), rhs.at_member(0, start, nowhere)
+    if not np.array_equal(*values, equal_nan=True):
         raise ValueError(
             "f must not read its point with linear=True, since its coefficients depend on time "
             f"alone then, got others for a point of NaN at t = {start:.17g}"
@@ -515,9 +512,11 @@ def _check_picklable(f: Any, frame: Frame, rhs: Rhs, options: Any) -> None:
 
 def make_problem(
     f: Any, t_span: Any, y0: ArrayLike, frame: Any, options: EnsembleOptions, *,
-    ensemble: bool = False, every: int = 1,
+    ensemble: bool = False, every: int = 1, bound: float | None = None,
 ) -> Problem:  # fmt: skip
     """Check the arguments of `cg.solve_ivp` or, for an ``ensemble``, of `cg.solve_ensemble`.
+
+    A `cg.Stepper` gives its ``bound``, toward which it goes from an empty span.
 
     The order matters, since each step reads the results of those before: flags decide what other
     options may be, the frame and the method how points are read, points and inputs how many
@@ -529,8 +528,9 @@ def make_problem(
     frame = plan.frame
     points, parameters, inertia = _read_members(plan, options, y0, ensemble)
     start, stop = arguments.check_span(t_span)
+    bound = stop if bound is None else bound
     if options["thermostat"] is not None:
-        check_heated_span(options["thermostat"], start, stop)
+        check_heated_span(options["thermostat"], start, bound)
         check_thermostat(options["thermostat"], plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
@@ -549,11 +549,12 @@ def make_problem(
         stops = inputs.add_stops(stops, start, control.tolerance)
         limits = inputs.limits(control.tolerance)
     events = _read_events(options, frame, rhs, start, stop)
-    step_function = step_function_of(options, plan, rhs, start, stop, points[0])
+    step_function = step_function_of(options, plan, rhs, start, bound, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     fields = {
         "plan": plan, "in_coordinates": in_coordinates, "rhs": rhs, "points": points,
-        "t0": start, "stops": stops, "limits": limits, "control": control, "events": events,
+        "t0": start, "direction": -1.0 if bound < start else 1.0, "stops": stops,
+        "limits": limits, "control": control, "events": events,
         "t_eval": t_eval, "every": every if t_eval is None else 0,
         "dense_output": options["dense_output"], "stage_solver": options["stage_solver"],
         "ensemble": ensemble, "common_steps": options["common_steps"],

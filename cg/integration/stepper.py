@@ -25,7 +25,7 @@ from cg.integration.arguments import (
     read_starts,
 )
 from cg.integration.errors import TERMINAL_EVENT, failed_members
-from cg.integration.mechanics import check_heated_span, refuse_friction
+from cg.integration.mechanics import refuse_friction
 from cg.integration.member_results import split_events
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.output.solutions import DenseOutput, EnsembleOutput
@@ -135,14 +135,15 @@ class Stepper:
         all_options = complete_options(Stepper.__init__, options)
         start = check_real_time("t0", t0, infinite=False)
         self.t_bound = bound = check_real_time("t_bound", t_bound)
-        self.direction = -1.0 if bound < start else 1.0
         ensemble = is_ensemble(frame, y0)
-        check_heated_span(all_options["thermostat"], start, bound)
         first, breakpoints = all_options["first_step"], all_options["breakpoints"]
         all_options["breakpoints"], all_options["common_steps"] = None, common_steps
         if all_options["h"] is None:
             all_options["first_step"] = None  # it may exceed the span here, which is empty
-        problem = make_problem(f, (start, start), y0, frame, all_options, ensemble=ensemble)
+        problem = make_problem(
+            f, (start, start), y0, frame, all_options, ensemble=ensemble, bound=bound
+        )
+        self.direction = problem.direction
         if problem.member_inputs:
             raise ValueError(
                 "inputs must be cg.Samples, those of members with members=True, or a tuple of them "

@@ -18,6 +18,7 @@ from cg.jax.rules import JaxArray
 
 _STUMPFF_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
 _STUMPFF_TERMS = 10  # the next term of the series is below rounding
+_ROOT_NEAR, _ROOT_TERMS = 0.01, 5  # the same for cosine and sin(x) / x, which don't cancel
 _POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
 _FACTOR_SERIES = [  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
@@ -64,23 +65,18 @@ def _stumpff_sum(weights: tuple[tuple[int, float], ...], q: JaxArray) -> JaxArra
     such sums, and none of them is a quotient of small numbers. A sum takes one series, as each of
     its functions would.
     """
-    # Reverse mode in a loop differentiates this code, not by the rule below, a second time.
-    near, far = jnp.minimum(q, _STUMPFF_NEAR), jnp.maximum(q, _STUMPFF_NEAR)
-    terms = tuple(
-        sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(_STUMPFF_TERMS + 1)
-    )
+    # Reverse mode in a loop differentiates this code, not by the rule below, a second time: cosine
+    # and sin(x) / x are a short series near zero, where the root has no derivative.
+    cancels = max(k for k, _ in weights) > 1
+    limit, count = (_STUMPFF_NEAR, _STUMPFF_TERMS) if cancels else (_ROOT_NEAR, _ROOT_TERMS)
+    near, far = jnp.minimum(q, limit), jnp.maximum(q, limit)
+    terms = tuple(sum(w / math.factorial(2 * j + k) for k, w in weights) for j in range(count + 1))
     series = power_series(terms, -near)
     root = jnp.sqrt(far)
     functions = [jnp.cos(root), jnp.sin(root) / root]
     for k in range(max(k for k, _ in weights) - 1):
         functions.append((1.0 / math.factorial(k) - functions[k]) / far)
-    return jnp.where(q < _STUMPFF_NEAR, series, sum(w * functions[k] for k, w in weights))
-
-
-def _sinc(x: JaxArray) -> JaxArray:
-    # At the smallest number the quotient is exactly 1, its limit at zero.
-    x = jnp.maximum(x, jnp.finfo(x.dtype).tiny)
-    return jnp.sin(x) / x
+    return jnp.where(q < limit, series, sum(w * functions[k] for k, w in weights))
 
 
 @_stumpff_sum.defjvp

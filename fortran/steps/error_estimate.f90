@@ -76,7 +76,7 @@ contains
       x%norms%displacement = x%h * x%norms%displacement
       call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
       x%error = max(x%error, displacement_norm(x))
-    else if (x%counts%steps == 0) then
+    else                                     ! of the first step, and after a breakpoint or a jump
       ! without parts e2 is no estimate of its own
       change = variation(x)
       if (e(1, 1) > resolved_first * change) then

@@ -30,9 +30,8 @@ def start(e):
 
 
 def run(e, orbits, method="BlanesMoan6", **options):
-    options = {"h": 0.1, "step_function": size, **options}
-    return cg.solve_ivp(kepler, (0, 2 * np.pi * orbits), start(e), frame=PLANE, method=method,
-                        **options)  # fmt: skip
+    options = {"h": 0.1, "step_function": size, "method": method, **options}
+    return cg.solve_ivp(kepler, (0, 2 * np.pi * orbits), start(e), frame=PLANE, **options)
 
 
 def test_an_eccentric_orbit_keeps_its_energy():
@@ -145,6 +144,9 @@ def test_on_rotations_and_parameters():
 ])  # fmt: skip
 def test_what_is_refused(options, message):
     refuses(ValueError, message, run, 0.5, 1, **options)
+    if "configuration" in message:
+        options |= {"frame": PLANE, "method": "Leapfrog", "h": 0.1}
+        refuses(ValueError, message, cg.Stepper, kepler, 0.0, start(0.5), -1.0, **options)
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")

@@ -72,6 +72,12 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
 
 
+def test_a_function_that_ends_is_named_backward_in_time_too():
+    f = lambda t, y: [1.0 if t >= -1.0 else np.nan]
+    stepper = cg.Stepper(f, 0.0, [0.0], -2.0, frame=Euclidean(1))
+    assert "f must return finite numbers next to t" in stepper.advance(-2.0)
+
+
 def test_equal_steps_that_the_time_cannot_resolve_are_refused():
     options = {"frame": Euclidean(1), "method": "CF4", "h": 1e-3}
     match = r"h is too small at t = 1000000000000000.0: its times coincide, got 0.001"

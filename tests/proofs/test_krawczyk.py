@@ -191,9 +191,8 @@ def test_the_second_way_refuses_a_condition_left_out_too_many():
     trees = certificate["left_out"]["trees"]
     held = set(certificate["fixed"])
     movable = [name for name in cg.methods["CF5d"].layout.names if name not in held]
-    more = {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, movable[0]]}
     changes = [
-        ("isn't inside the box", more),
+        ("inside the box", {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, movable[0]]}),
         ("distinct independent ones", {"left_out": {"trees": [*trees, "[[][]]"]}}),
         ("as many unknowns", {"left_out": {"trees": trees[:-1]}}),
     ]

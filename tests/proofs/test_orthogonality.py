@@ -176,14 +176,11 @@ def test_certificates_that_leave_out_something_else():
     certificate = certify(method)
     left_out = certificate.left_out
     count, independent = "as many movable coefficients as equations", "distinct independent ones"
+    others = (*left_out, left_out[0]), (ws.Condition(0, ws.parse("[[][]]")),)
     for message, wrong in (
-        (count, left_out[:-1]),
-        (independent, (*left_out, left_out[0])),
-        (count, (*left_out, TREE)),
+        *((count, conditions) for conditions in (left_out[:-1], (*left_out, TREE), ())),
+        *((independent, conditions) for conditions in (*others, (TREE._replace(row=1),))),
         ("no zero is proved", (*left_out[:-1], TREE)),
-        (independent, (ws.Condition(0, ws.parse("[[][]]")),)),
-        (independent, (TREE._replace(row=1),)),
-        (count, ()),
     ):
         refuses(CertificationError, message, check, replace(certificate, left_out=wrong), method)
 

@@ -142,10 +142,9 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
     if run.status[member] == Stop.TIME_NOT_FINITE:
         return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
     frame, min_size = run.plan.frame, 10.0 * math.ulp(t)
-    direction = run.problem.t1 - run.problem.t0
     point = run.plan.points(run.end[member].copy(), ())
     try:
-        slope, ahead = run.rhs.at_member(member, t, point), math.copysign(8.0 * min_size, direction)
+        slope, ahead = run.rhs.at_member(member, t, point), 8.0 * min_size * run.problem.direction
         moved = frame.flow(ahead * slope, point)
         is_finite = bool(np.isfinite(moved).all())
         if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
