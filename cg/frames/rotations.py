@@ -158,7 +158,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     def as_rotation(self, y: ArrayLike) -> Rotation:
         """Return a point or a stack, n = 3 only, as ``scipy.spatial.transform.Rotation``."""
         if self.n != 3:
-            raise ValueError(f"as_rotation requires n = 3, got {self!r}")
+            raise ValueError(f"n must be 3 for as_rotation, got {self!r}")
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_matrix(np.array(self._points(y)))  # SciPy 1.15 wants it writeable

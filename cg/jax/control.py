@@ -10,7 +10,7 @@ with the factor 1/10 and the power 1 as in DOP853, or with others that `table.re
 `kink_weights` the larger one of e1 and the estimate of kinks takes the place of e1. Methods whose
 estimates see quadrature and commutators apart have e1 and e2 for each of these two parts: the
 larger error counts, of Magnus methods the sum. The norms are those of `controller` where both of
-its tolerances are 1. ``fortran/steps/error_estimate.f90`` computes the same.
+its tolerances are 1. ``fortran/steps/error_estimate.f90`` computes the same, but at large angles.
 """
 
 from __future__ import annotations

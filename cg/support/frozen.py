@@ -26,9 +26,9 @@ class ReadOnly:
 
 
 def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
-    """Return an object of a frozen dataclass whose ``__dict__`` is ``fields``, all of them.
+    """Return an object of a frozen dataclass whose ``__dict__`` is ``fields``.
 
-    This is much faster than a call of the class.
+    Fields that are left out have the defaults of the class. This is much faster than a call of it.
     """
     instance = object.__new__(kind)
     object.__setattr__(instance, "__dict__", fields)

@@ -55,14 +55,14 @@ def holding(context):
         begun.release()
         assert ended.wait(120)
 
-class Slow(type(result)):
-    def _exact(self):
+class Slow(tuple):
+    def __iter__(self):
         begun.release()
         assert ended.wait(120)
-        return ()
+        return iter(())
 
 def properties():
-    Slow(result.settings, result.starts).methods
+    type(result)(result.settings, Slow(result.starts)).methods
 
 def used():
     assert ctx.prec == 53

@@ -12,7 +12,7 @@ from cg.integration.errors import ConvergenceError, StepTooLongError
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.checks import short
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import STEP_CONTROL, Stop
 from cg.tables import Kind
 
 _REQUESTS = {Stop.NEEDS_RHS, Stop.NEEDS_EVENTS, Stop.NEEDS_MAXIMUM}
@@ -141,7 +141,7 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
     """Return the message for a step size that became too small, or leads beyond all numbers."""
     if run.status[member] == Stop.TIME_NOT_FINITE:
         return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
-    frame, min_size = run.plan.frame, 10.0 * math.ulp(t)
+    frame, min_size = run.plan.frame, STEP_CONTROL["min_step"] * math.ulp(t)
     point = run.plan.points(run.end[member].copy(), ())
     try:
         slope, ahead = run.rhs.at_member(member, t, point), 8.0 * min_size * run.problem.direction

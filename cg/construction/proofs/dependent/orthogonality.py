@@ -147,8 +147,8 @@ class _Relations:
                 seen.add(key)
                 second = columns[independent_rows(right[np.ix_(columns, places)])]
                 rank = len(independent_rows(left[np.ix_(contexts, places)]))
-                # dim U_0 <= rank: if the powers of V don't fill the other places, U_0 can't either,
-                # and the rows needn't be reduced exactly
+                # dim U_0 <= rank: if U_0 can't fill the places that the second rows leave, the rows
+                # needn't be reduced exactly
                 if len(second) == len(columns) or rank + len(second) < len(places):
                     continue
                 indices = (places, contexts, columns, second)
