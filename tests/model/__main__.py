@@ -43,8 +43,7 @@ def run(
 
     Return how often there was which other outcome, and the errors of those that fail by number.
     """
-    outcomes: Counter[str] = Counter()
-    failed: dict[int, str] = {}
+    outcomes, failed = Counter[str](), dict[int, str]()
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for index in indices:

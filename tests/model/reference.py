@@ -199,7 +199,7 @@ def _zeros(
         return value_of(task, event, within(t, begin, end), solution(t))
 
     values = np.array([value(t) for t in grid])
-    roots, last = [], 0
+    roots, last, starts = [], 0, not sign
     for i, g in enumerate(values):
         least = 1e-9 if i == 0 and not sign else 1e-11  # behind an event, see `_signs`
         new = 0.0 if abs(g) < least and i in (0, len(grid) - 1) else np.sign(g)
@@ -214,7 +214,8 @@ def _zeros(
     size = np.abs(values)
     dips = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
     dips &= (np.sign(values[:-2]) == np.sign(values[2:])) & (values[1:-1] * values[:-2] > 0)
-    path.nearest[k] = min([path.nearest[k], *size[1:-1][dips]])
+    dips = [starts and 0.0 < size[0] < 1e-9, *dips, False]  # or is zero at the start by rounding
+    path.nearest[k] = min([path.nearest[k], *size[dips]])
     return roots, sign
 
 
