@@ -12,8 +12,7 @@ from cg.support.parsing import visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-NO = 1
-"""Exit code of a negative result."""
+NO = 1  # exit code of a negative result
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
 output_option = click.option(

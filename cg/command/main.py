@@ -12,8 +12,7 @@ from cg.command.searching import construct_command, search_command
 from cg.support.flint import MissingFlintError
 from cg.support.parsing import visible
 
-UNUSABLE, MISSING, INTERRUPTED = 2, 3, 130
-"""Exit codes: wrong argument, missing package, interrupt."""
+UNUSABLE, MISSING, INTERRUPTED = 2, 3, 130  # exit codes: wrong argument, missing package, interrupt
 
 PROGRAM = "crouch-grossman"
 _REFUSED = (

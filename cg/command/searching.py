@@ -25,9 +25,10 @@ def _held(
     context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str] | None:
     """Return values by name."""
-    if wrong := [text for text in texts if "=" not in text]:
-        raise click.BadParameter(f"{wrong[0]!r} isn't NAME=VALUE")
-    return dict(text.split("=", 1) for text in texts) or None
+    held = dict(text.split("=", 1) for text in texts if "=" in text)
+    if len(held) < len(texts):
+        raise click.BadParameter(f"give NAME=VALUE, once for each name, not {' '.join(texts)}")
+    return held or None
 
 
 def _bound(
@@ -39,11 +40,12 @@ def _bound(
             return float(texts[0])
         intervals = dict(text.split("=", 1) for text in texts)
         ends = {name: interval.split(":") for name, interval in intervals.items()}
-        return {
-            name: [float(x) if x else None for x in pair] for name, pair in ends.items()
-        } or None
+        bounds = {name: [float(x) if x else None for x in pair] for name, pair in ends.items()}
     except ValueError:
-        raise click.BadParameter("give one number, or NAME=LOWER:UPPER for each name") from None
+        bounds = {}
+    if len(bounds) < len(texts):
+        raise click.BadParameter("give one number, or NAME=LOWER:UPPER, once for each name")
+    return bounds or None
 
 
 _SHARED = (
