@@ -1,14 +1,12 @@
 """``certify`` proves the orders of methods, ``check`` diagnoses one."""
 
-import time
+from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import click
 
 from cg.command.arguments import (
-    METHOD,
-    MethodArgument,
+    NO,
     as_json,
     check_output,
     count_option,
@@ -16,29 +14,27 @@ from cg.command.arguments import (
     output_option,
     say,
 )
-from cg.command.main import NO
-from cg.construction.catalogue import methods
-from cg.construction.diagnosis import Diagnosis, diagnose, diagnose_file
-from cg.construction.methods.method import Method
-from cg.construction.proofs import Certificate, CertificationError, certificate_of, certify, check
+from cg.construction.catalogue import is_file, resolve_method
+from cg.construction.diagnosis import diagnose, diagnose_file
+from cg.construction.proofs import CertificationError, certificate_of, certify, check
 from cg.construction.proofs.packed import certificate_names
 
 
 @click.command("certify", short_help="Prove the orders of methods.")
-@click.argument("items", metavar="NAME|FILE ...", nargs=-1, type=METHOD)
+@click.argument("names", metavar="NAME|FILE ...", nargs=-1)
 @click.option(
     "--check", "again", is_flag=True,
     help="Prove stored certificates again: of methods of the catalogue, by default of all of them, "
     "or those beside FILEs.",
 )  # fmt: skip
-@output_option("Output file of the certificate.")
+@output_option
 @click.option(
     "--complete", is_flag=True,
     help="Demand a complete proof: without it some conditions may only be shown to be small.",
 )  # fmt: skip
 @json_option
 def certify_command(
-    items: tuple[Method, ...], again: bool, output: Path | None, complete: bool, in_json: bool
+    names: tuple[str, ...], again: bool, output: Path | None, complete: bool, in_json: bool
 ) -> int:
     """Prove the order of a method in ball arithmetic.
 
@@ -54,75 +50,43 @@ def certify_command(
       crouch-grossman certify CF5a --complete
       crouch-grossman certify --check
     """
-    if again:
-        if complete or output is not None:
-            raise click.UsageError("--check excludes --complete and --output")
-        return _check_stored(items or tuple(map(methods.__getitem__, certificate_names())), in_json)
-    if len(items) != 1:
-        raise click.UsageError(f"name one method, or pass --check; got {len(items)} methods")
+    if again and (complete or output is not None):
+        raise click.UsageError("--check excludes --complete and --output")
+    if not again and len(names) != 1:
+        raise click.UsageError(f"name one method, or pass --check; got {len(names)} methods")
     check_output(output)
-    certificate, entry = _prove(items[0], complete=complete)
-    if certificate is not None and output is not None:
-        certificate.save(output)
-    if in_json:
-        as_json(entry)
-    elif certificate is None:
-        say(f"not proved: {entry['message']}")
-    else:
-        say(f"{certificate}" if output else f"{certificate.dumps()}\n{certificate}")
-    return 0 if certificate else NO
-
-
-def _check_stored(items: tuple[Method, ...], in_json: bool) -> int:
     entries = []
-    for method in items:
-        begin = time.perf_counter()
-        certificate, entry = _prove(method, again=True)
-        entries.append(entry)
+    for name in names or certificate_names():
+        method = resolve_method(name)
+        try:
+            certificate = certificate_of(method) if again else certify(method, complete=complete)
+            if again:
+                check(certificate, method)
+        except CertificationError as error:
+            entries.append({"name": method.name, "proved": "no", "message": str(error)})
+            text = f"not proved: {error}"
+        else:
+            text = str(certificate)
+            entries.append({"name": method.name, "proved": certificate.proved, "message": text})
+            if output is not None:
+                certificate.save(output)
+            elif not again:
+                text = f"{certificate.dumps()}\n{text}"
         if not in_json:
-            failed = "" if certificate else f"FAILED {method.name}: "
-            say(f"{failed}{entry['message']} [{time.perf_counter() - begin:.1f} s]")
-    outcomes = [entry["proved"] for entry in entries]
+            say(text)
+    counts = Counter(entry["proved"] for entry in entries)
     if in_json:
-        as_json(entries)
-    else:
-        words = {"in part": "in part", "no": "failed"}
-        others = (f", {outcomes.count(k)} {word}" for k, word in words.items() if k in outcomes)
-        say(f"{outcomes.count('yes')} proved{''.join(others)}")
-    return NO if "no" in outcomes else 0
-
-
-def _prove(
-    method: Method, *, complete: bool = False, again: bool = False
-) -> tuple[Certificate | None, dict[str, Any]]:
-    """Return a new or a stored certificate, proved, and its summary; None and why if that fails."""
-    try:
-        certificate = certificate_of(method) if again else certify(method, complete=complete)
-        if again:
-            check(certificate, method)
-    except TypeError as error:
-        raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
-    except CertificationError as error:
-        return None, {"name": method.name, "proved": "no", "message": str(error)}
-    bound = certificate.bound
-    return certificate, {
-        "name": certificate.name,
-        "proved": certificate.proved,
-        "order": certificate.order,
-        "embedded_order": certificate.embedded_order,
-        "radius": str(certificate.radius).lower(),
-        "left_out": len(certificate.left_out),
-        "bound": None if bound is None else str(bound).lower(),
-        "fixed": list(certificate.fixed),
-        "message": str(certificate),
-    }
+        as_json(entries if again else entries[0])
+    elif again:
+        say(f"{counts['yes']} proved, {counts['in part']} in part, {counts['no']} not")
+    return NO if counts["no"] else 0
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
-@click.argument("diagnosis", metavar="NAME|FILE", type=MethodArgument(diagnose, diagnose_file))
+@click.argument("method", metavar="NAME|FILE")
 @count_option("--order", "Required order.")
 @json_option
-def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:
+def check_command(method: str, order: int | None, in_json: bool) -> int:
     """Determine the order of a method and recognise mistakes in its coefficients.
 
     Prints the order, the first violated order condition with its tree, and mistakes: a wrong
@@ -141,6 +105,7 @@ def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int
       crouch-grossman check my_method.toml --order 4
       crouch-grossman check my_method.json --json
     """
+    diagnosis = diagnose_file(method) if is_file(method) else diagnose(method)
     reached = max(diagnosis.order, diagnosis.method.order)
     too_low = order is not None and reached < order
     if in_json:

@@ -1,156 +1,117 @@
-"""``search`` and ``construct``, whose options are made of the arguments of the functions."""
+"""``search`` and ``construct``: each argument of the functions is an option."""
 
-import inspect
 import json
-import re
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import reduce
+from collections.abc import Sequence
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, get_args
+from typing import Any
 
 import click
+from click import Option
 
-from cg.command.arguments import F, MethodArgument, as_json, check_output, json_option, say
-from cg.command.main import NO
-from cg.construction.catalogue import dumps, load, save
+from cg.command.arguments import NO, as_json, check_output, json_option, say
+from cg.construction.catalogue import dumps, resolve_method, save
 from cg.construction.formats import export
-from cg.construction.layouts import Layout, Rows
-from cg.construction.methods.commutator_free import MuntheKaas
+from cg.construction.layouts import Rows
 from cg.construction.methods.method import Method
-from cg.construction.points import MethodError
 from cg.construction.search.construct import construct
-from cg.construction.search.random_search import SearchResult, search
+from cg.construction.search.random_search import search
 from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
-from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.system import Structure
 from cg.support.parallel import has_bars
 
 
-def _shape(method: Method) -> Layout:
-    """Return the tree of points of a method."""
-    with suppress(MethodError, TypeError):  # the method is implicit
-        if not isinstance(method, MuntheKaas):
-            return layout_of(method)
-    raise ValueError(f"{method!r} isn't an explicit method with a tree of points")
+def _held(
+    context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, str] | None:
+    """Return values by name."""
+    held = dict(text.split("=", 1) for text in texts if "=" in text)
+    if len(held) < len(texts):
+        raise click.BadParameter(f"give NAME=VALUE, once for each name, not {' '.join(texts)}")
+    return held or None
 
 
-def _held(text: str) -> tuple[str, str]:
-    """Return a name and its value."""
-    name, equals, number = text.partition("=")
-    if not equals:
-        raise click.BadParameter(f"{text!r} isn't NAME=VALUE")
-    return name, number
-
-
-def _bound(text: str) -> Any:
-    """Return a bound on all magnitudes, or a name and its interval, whose ends may be None."""
-    name, equals, interval = text.rpartition("=")
+def _bound(
+    context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
+) -> float | dict[str, list[float | None]] | None:
+    """Return a bound on all magnitudes, or intervals by name, whose ends may be None."""
     try:
-        ends = [float(end) if end else None for end in interval.split(":")]
+        if len(texts) == 1 and "=" not in texts[0]:
+            return float(texts[0])
+        intervals = dict(text.split("=", 1) for text in texts)
+        ends = {name: interval.split(":") for name, interval in intervals.items()}
+        bounds = {name: [float(x) if x else None for x in pair] for name, pair in ends.items()}
     except ValueError:
-        ends = []
-    if len(ends) != 1 + bool(equals):
-        raise click.BadParameter(f"{text!r} isn't a number or NAME=LOWER:UPPER")
-    return (name, ends) if equals else ends[0]
+        bounds = {}
+    if len(bounds) < len(texts):
+        raise click.BadParameter("give one number, or NAME=LOWER:UPPER, once for each name")
+    return bounds or None
 
 
-_SPECIAL: dict[str, dict[str, Any]] = {
-    "abscissae": {"type": float, "nargs": 2, "metavar": "LOWER UPPER"},
-    "algorithm": {"type": click.Choice(ALGORITHMS), "help": "How starts are solved."},
-    "bound": {"type": _bound, "multiple": True},
-    "nonnegative": {"type": str, "multiple": True, "metavar": "NAME"},
-    "hold": {"type": _held, "multiple": True, "metavar": "NAME=VALUE",
-             "help": "Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."},
-    "minimise": {"type": click.Choice(OBJECTIVES)},
-    "rows": {"type": click.Choice(Rows, case_sensitive=False), "default": "explicit"},
-    "stages": {"type": int, "required": False,
-               "help": "Evaluations in a step; required unless --tree is given."},
-    "store": {"type": click.Path(dir_okay=False), "metavar": "FILE"},
-    "structure": {"type": click.Choice(Structure, case_sensitive=False)},
-    "tree": {"type": MethodArgument(_shape, lambda file: _shape(load(file))),
-             "metavar": "NAME|FILE", "help": "Methods with the tree of points of a method."},
-}  # fmt: skip
+_SHARED = (
+    Option(["--order"], type=int, required=True, help="Order of the methods."),
+    Option(["--stages"], type=int, help="Evaluations in a step; by default those of --tree."),
+    Option(["--flows"], type=int, help="Flows of commutator-free methods with random trees."),
+    Option(["--tree"], metavar="NAME|FILE",
+           help="Commutator-free methods with the tree of points of this method."),
+    Option(["--embedded"], is_flag=True, help="Pairs, with a second result."),
+    Option(["--first-same-as-last"], is_flag=True, help="The last stage is at the result."),
+    Option(["--hold"], multiple=True, callback=_held, metavar="NAME=VALUE",
+           help="Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1."),
+    Option(["--abscissae"], type=float, nargs=2, help="Ends of the interval of all abscissae."),
+    Option(["--minimise"], type=click.Choice(OBJECTIVES),
+           help="What to reduce along solution sets; each minimum is a local one."),
+    Option(["--seed"], type=int, default=0, help="Seed of the random numbers."),
+    Option(["--width"], type=float, help="Guesses are uniform in [-width, width]."),
+    Option(["--force"], is_flag=True, help="Try even with fewer unknowns than conditions."),
+    Option(["--workers"], type=int, help="Number of workers; by default one per core."),
+    Option(["--processes"], is_flag=True, help="Run in processes in place of threads."),
+    Option(["--store"], type=click.Path(dir_okay=False),
+           help="File of finished runs, with which the same command continues."),
+    Option(["--quiet", "-q"], is_flag=True, help="Don't show progress."),
+    Option(["--output", "-o"], type=click.Path(path_type=Path),
+           help="Write the methods there: a folder, or a file for one method."),
+)  # fmt: skip
+_OF_SEARCH = (
+    Option(["--starts"], type=int, default=100, help="Number of random starts."),
+    Option(["--rows"], type=click.Choice(Rows, case_sensitive=False), default="explicit",
+           help="Explicit, diagonally implicit or fully implicit tableaux."),
+    Option(["--registers"], is_flag=True, help="Methods with two registers."),
+    Option(["--bound"], multiple=True, callback=_bound, metavar="NUMBER|NAME=LOWER:UPPER",
+           help="Bound on the magnitudes of the coefficients, or an interval by name."),
+    Option(["--nonnegative"], multiple=True, metavar="NAME", help="What must be >= 0."),
+    Option(["--algorithm"], type=click.Choice(ALGORITHMS), default=ALGORITHMS[0],
+           help="How starts are solved."),
+    Option(["--maxfev"], type=int, help="Largest number of evaluations in double."),
+    Option(["--refine-below"], type=float, default=1e-15,
+           help="Sum of squares from which a start is refined in real(16)."),
+    Option(["--refine-maxfev"], type=int, help="Largest number of evaluations in real(16)."),
+)  # fmt: skip
+_OF_CONSTRUCT = (
+    Option(["--tries"], type=int, default=400, help="Largest number of random starts."),
+    Option(["--max-coefficient"], type=float, default=3.0,
+           help="Bound on the magnitude of coefficients."),
+    Option(["--restarts"], type=int, default=1,
+           help="Largest number of walks along the solution set after elimination fails."),
+    Option(["--structure"], type=click.Choice(Structure, case_sensitive=False),
+           help="Simplifying assumptions."),
+    Option(["--first-stages"], type=int, help="Stages of random starts."),
+    Option(["--first-flows"], type=int, help="Flows of random starts; by default --flows."),
+    Option(["--iterations"], type=int, help="Largest number of steps of the solver."),
+)  # fmt: skip
 
 
-def _options_of(function: Callable[..., Any]) -> Callable[[F], F]:
-    """Return a decorator that adds an option for each argument of a function, and others."""
-    options = [
-        _option(parameter, _help(function, name))
-        for name, parameter in inspect.signature(function).parameters.items()
-        if name not in ("executor", "progress")
-    ]
-    options += [
-        click.option("--processes", is_flag=True, help="Run in processes in place of threads."),
-        click.option("--quiet", "-q", is_flag=True, help="Don't show progress."),
-        click.option("--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
-                     help="Write the methods there: a folder, or a file for one method."),
-        json_option,
-    ]  # fmt: skip
-
-    return lambda command: reduce(lambda made, option: option(made), options[::-1], command)
-
-
-def _option(parameter: inspect.Parameter, help: str) -> Callable[[F], F]:
-    default, kind = parameter.default, parameter.annotation
-    required = default is parameter.empty
-    if isinstance(kind, UnionType):
-        (kind, *_) = (member for member in get_args(kind) if member is not NoneType)
-    facts: dict[str, Any] = {"type": kind, "help": help, "required": required}
-    if kind is bool:
-        facts = {"is_flag": True, "help": help}
-    elif kind in (int, float):
-        facts["metavar"] = "N" if kind is int else "X"
-    if not required and default is not None and kind is not bool:
-        facts |= {"default": default, "show_default": True}
-    facts |= _SPECIAL.get(parameter.name, {})
-    return click.option(f"--{parameter.name.replace('_', '-')}", **facts)
-
-
-def _help(function: Callable[..., Any], name: str) -> str:
-    """Return the first sentence about an argument in a docstring that doesn't list values."""
-    doc = inspect.getdoc(function) or ""
-    match = re.search(rf"^(?:\w+, )*{name}(?:, \w+)*\n((?:    .*\n)+)", doc, re.MULTILINE)
-    text = " ".join(match.group(1).split()) if match else ""
-    sentences = re.split(r"(?<=\.) ", text.replace("`", ""))
-    return next((sentence for sentence in sentences if not sentence.startswith("One of ")), "")
-
-
-def _arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a function of options; `stages` are by default those of the tree."""
-    stages, tree = options["stages"], options["tree"]
-    if stages is None and tree is None:
-        raise click.UsageError("Missing option '--stages', or '--tree'.")
-    stages = tree.stages if stages is None else stages
-    arguments = {**options, "stages": stages, "hold": _named("hold", options["hold"])}
-    if "bound" in options:
-        numbers = [bound for bound in options["bound"] if isinstance(bound, float)]
-        if numbers and len(options["bound"]) > 1:
-            raise click.UsageError("--bound: give one number, or intervals by name.")
-        arguments["bound"] = numbers[0] if numbers else _named("bound", options["bound"])
-    return arguments
-
-
-def _named(option: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any] | None:
-    """Return a mapping of names, None without any."""
-    named = dict(pairs)
-    if any(named[name] != value for name, value in pairs):
-        raise click.UsageError(f"--{option} gives two values of one name")
-    return named or None
-
-
-@click.command("search", short_help="Search for methods from random starts.")
-@_options_of(search)
-def search_command(**options: Any) -> int:
+@click.command(
+    "search", params=[*_SHARED, *_OF_SEARCH], short_help="Search for methods from random starts."
+)
+@json_option
+def search_command(output: Path | None, in_json: bool, **options: Any) -> int:
     """Search for methods of an order from random starts.
 
     The methods are tableaux of Crouch-Grossman type, explicit or with --rows implicit. With --flows
     they are commutator-free methods with random trees of points, with --tree those with the tree of
     a method. Prints a line for each method, sorted by the largest coefficient or by what --minimise
-    names. Each minimum is a local one: more starts may lead to smaller ones. Neither --workers nor
-    the executor changes the result.
+    names. Neither --workers nor --processes changes the result.
 
     Progress is shown on standard error if tqdm is installed. With --store, the same command resumes
     an interrupted search. Exits with 1 if no start led to a method.
@@ -165,12 +126,21 @@ def search_command(**options: Any) -> int:
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-    return _run(search, **options)
+    check_output(output)
+    result = search(**_arguments(**options))
+    sorted_by = (options["minimise"] or "largest_coefficient").replace("_", " ")
+    lines = [
+        f"{method!r}, {sorted_by} {result.requirements.key(method):.3g}"
+        for method in result.methods
+    ]
+    return _finish(result.methods, "\n".join(lines) or f"no method: {result!r}", output, in_json)
 
 
-@click.command("construct", short_help="Construct one method of an order.")
-@_options_of(construct)
-def construct_command(**options: Any) -> int:
+@click.command(
+    "construct", params=[*_SHARED, *_OF_CONSTRUCT], short_help="Construct one method of an order."
+)
+@json_option
+def construct_command(output: Path | None, in_json: bool, **options: Any) -> int:
     """Construct one method by eliminating stages or flows.
 
     The method is a tableau of Crouch-Grossman type; with --flows or --tree a commutator-free
@@ -186,28 +156,30 @@ def construct_command(**options: Any) -> int:
       crouch-grossman construct --order 5 --tree CF5a --max-coefficient 2
       crouch-grossman construct --order 5 --stages 9 --structure stage_order_two
     """
-    return _run(construct, **options)
-
-
-def _run(
-    function: Callable[..., Any], *, processes: bool, quiet: bool, output: Path | None,
-    in_json: bool, **options: Any,
-) -> int:  # fmt: skip
-    """Call a function with the arguments of the command; print and write the methods."""
-    arguments = _arguments_of(options)
     check_output(output)
+    result = construct(**_arguments(**options))
+    if result.method is None:
+        return _finish([], f"no method: {result!r}", output, in_json)
+    text = dumps(result.method) if output is None else repr(result.method)
+    return _finish([result.method], text.rstrip(), output, in_json)
+
+
+def _arguments(*, processes: bool, quiet: bool, **options: Any) -> dict[str, Any]:
+    """Return the arguments of a function; `stages` are by default those of the tree."""
+    if options["tree"] is not None:
+        options["tree"] = method = resolve_method(options["tree"])
+        if not method.explicit:
+            raise click.BadParameter(f"{method!r} isn't explicit", param_hint="--tree")
+        if options["stages"] is None:
+            options["stages"] = method.stages
+    elif options["stages"] is None:
+        raise click.UsageError("Missing option '--stages', or '--tree'.")
     executor = "processes" if processes else None
-    try:
-        result = function(**arguments, executor=executor, progress=not quiet and has_bars())
-    except ValueError as error:
-        name, _, message = str(error).partition(" ")
-        option = f"--{name.replace('_', '-')}" if name in arguments else name
-        raise click.UsageError(f"{option} {message}") from None
-    except KeyboardInterrupt as interrupt:
-        if arguments["store"] is None:
-            interrupt.add_note("with --store FILE the same command would continue from here")
-        raise
-    methods = result.methods if function is search else [m for m in [result.method] if m]
+    return {**options, "executor": executor, "progress": not quiet and has_bars()}
+
+
+def _finish(methods: Sequence[Method], text: str, output: Path | None, in_json: bool) -> int:
+    """Write and print the methods; return the exit code."""
     if output is not None:
         if len(methods) > 1:
             output.mkdir(exist_ok=True)
@@ -215,19 +187,6 @@ def _run(
             save(method, output)
     if in_json:
         as_json([json.loads(export(method, "json")) for method in methods])
-    elif not methods:
-        exact = result.exact_starts if isinstance(result, SearchResult) else 0
-        required = f": {exact} found, but none with {result.requirements}" if exact else " found"
-        say(f"no method{required}")
-    elif function is construct and output is None:
-        click.echo(dumps(methods[0]), nl=False)
     else:
-        minimise = arguments.get("minimise")
-        for method in methods:
-            largest = max(abs(float(coefficient.value)) for coefficient in method.coefficients)
-            text = f"{method!r}, largest coefficient {largest:.3g}"
-            shown = minimise == "principal_error"
-            say(text + (f", principal error {method.principal_error:.3g}" if shown else ""))
-        if minimise:
-            say("each minimum is a local one: more --starts may lead to smaller ones", err=True)
+        say(text)
     return 0 if methods else NO

@@ -34,6 +34,7 @@ _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 
 _NODE = "●"
+_DIGITS = 6  # of coefficients as text
 _MAX_DENOMINATOR_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 
@@ -318,11 +319,10 @@ def align_columns(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
     return "\n".join(lines)
 
 
-def draw_method(method: Method, *, digits: int = 6) -> str:
+def draw_method(method: Method) -> str:
     """Return the coefficients of a method as text: points as a tree, others in columns."""
     if isinstance(method, CommutatorFree):
-        flat = _tableau(method, digits)
-        return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
+        return f"{draw_points(method)}\n\nwhere flows commute:\n{_tableau(method)}"
     if isinstance(method, MagnusMethod):
         rows = {
             "nodes": [method.nodes],
@@ -332,34 +332,34 @@ def draw_method(method: Method, *, digits: int = 6) -> str:
             "flow of the third": filter(None, [method.third_weights]),
         }
         return align_columns([
-            [label, "│", *(_number(x.value, digits) for x in row)]
+            [label, "│", *(_number(x.value) for x in row)]
             for label, block in rows.items()
             for row in block
         ])  # fmt: skip
     if isinstance(method, Splitting):
-        numbers = [_number(x.value, digits) for x in method.coefficients]
+        numbers = [_number(x.value) for x in method.coefficients]
         pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
         return align_columns([["drift", "kick"], *pairs], left=0)
-    return _tableau(method, digits)
+    return _tableau(method)
 
 
-def _tableau(method: Method, digits: int) -> str:
+def _tableau(method: Method) -> str:
     """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
     a, b = method.exact
     rows: list[Any] = [(c, *row) for c, row in zip(method.abscissae, a, strict=True)]
     if method.explicit:
         rows = [row[: end + 1] for end, row in enumerate(rows)]
     rows += [("b", *b), *([("b^", *method.exact_embedded)] if method.exact_embedded else [])]
-    lines = [[x if isinstance(x, str) else _number(x, digits) for x in row] for row in rows]
+    lines = [[x if isinstance(x, str) else _number(x) for x in row] for row in rows]
     text = align_columns([[c, "│", *weights] for c, *weights in lines]).splitlines()
     rule = "─" * max(map(len, text))
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 
 
-def _number(x: Fraction, digits: int) -> str:
+def _number(x: Fraction) -> str:
     # Python may be unable to write a longer fraction
     text = str(x) if x.denominator.bit_length() <= _MAX_DENOMINATOR_BITS else ""
-    return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
+    return text if 0 < len(text) <= _DIGITS + 1 else to_decimal(x, _DIGITS)
 
 
 def draw_tree(tree: OrderedTree) -> str:
@@ -368,7 +368,7 @@ def draw_tree(tree: OrderedTree) -> str:
     return _draw(tree, lambda node: node.children, lambda _: _NODE)
 
 
-def draw_points(method: Any, *, digits: int = 6) -> str:
+def draw_points(method: Any, *, digits: int = _DIGITS) -> str:
     """Return the points of an explicit method as text, one flow a line, each above its children.
 
     >>> import crouch_grossman as cg

@@ -10,6 +10,7 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.construction.catalogue import Catalogue, dumps, load, loads, methods, save
+from cg.construction.catalogue.summary import MethodSummary, compute_summary, summary_of
 from cg.construction.conditions import Rows
 from cg.construction.methods.tableau import Tableau, TableauError
 from cg.construction.points import MethodError
@@ -90,6 +91,17 @@ def test_every_stage_and_every_point_is_used(name):
     assert stages == set(range(method.stages))
 
 
+SUMMARISED = ["CG2(3)", "CG4a", "CG5a", "CF4b", "CF5(4)", "DP5(4)", "DICG4", "RKMK5(4)", "CFM4"]
+
+
+@pytest.mark.parametrize(
+    "name", [*SUMMARISED, *slow(*(name for name in methods if name not in SUMMARISED))]
+)
+def test_stored_summaries_equal_computed(name):
+    stored = MethodSummary(**methods.summaries[name])
+    assert stored == summary_of(methods[name]) == compute_summary(methods.read_again(name))
+
+
 class TestMapping:
     def test_names_are_those_of_the_files(self, tmp_path):
         save(methods["CG3"], tmp_path / "Mine.toml")
@@ -98,6 +110,10 @@ class TestMapping:
         assert list(mine) == ["Mine"]
         with pytest.raises(MethodError, match=r"Mine\.toml: name must be 'Mine', got 'CG3'"):
             mine["Mine"]
+
+    def test_orders_are_those_of_the_file(self, tmp_path):
+        (tmp_path / "CG5a.toml").write_text(dumps(methods["CG3"]).replace('"CG3"', '"CG5a"'))
+        assert Catalogue(tmp_path)["CG5a"].order == 3  # not that of the package's CG5a
 
 
 names = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)

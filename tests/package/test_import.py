@@ -123,7 +123,7 @@ def test_only_proofs_and_references_need_flint():
 
 @pytest.mark.parametrize(
     "arguments",
-    [("check", "FILE"), ("certify", "CG3"), ("show", "CG5a", "--digits", "50")],
+    [("check", "FILE"), ("certify", "CG3"), ("export", "CG5a", "json", "--digits", "50")],
     ids=lambda arguments: arguments[0],
 )  # fmt: skip
 def test_commands_name_what_they_need(arguments, tmp_path):

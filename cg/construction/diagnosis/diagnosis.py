@@ -164,7 +164,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     if isinstance(method, MagnusMethod | Splitting):
         raise TypeError(
             "method must be for nonlinear equations, and no splitting method, whose conditions "
-            f"`crouch-grossman show --conditions` lists, got {method!r}"
+            f"`method.residuals` lists, got {method!r}"
         )
     order, flat = method.exact_order, flat_order(_flat_tableau(method))
     changes: tuple[Correction, ...] = ()
