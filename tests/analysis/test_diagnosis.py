@@ -18,11 +18,6 @@ from cg.support.quads import to_decimal
 CG4A = cg.methods["CG4a"]
 
 
-def texts(method):
-    rows = [[entry.text for entry in row[:i]] for i, row in enumerate(method.entries)]
-    return rows, [weight.text for weight in method.weights]
-
-
 def changed(method, k, value):
     coefficients = list(method.coefficients)
     coefficients[k] = Coefficient.read(value)
@@ -37,8 +32,7 @@ def one_of_each_kind():
     kinds = (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas)
     exact = [m for m in cg.methods.values() if isinstance(m, kinds) and not m.approximate]
     quick = [m for m in exact if m.order < 4 or m.name in LIKE_OTHERS]
-    others = [m for m in exact if m.order in (4, 5) or m.name in ("CG6b", "CF6a")]
-    return [*quick, *slow(*(m for m in others if m not in quick))]
+    return [*quick, *slow(*(m for m in exact if m.order < 7 and m not in quick))]
 
 
 @pytest.mark.parametrize("method", one_of_each_kind(), ids=lambda method: method.name)
@@ -85,25 +79,6 @@ def test_misprint_in_fehlbergs_tableau(kind, second):
     assert right.corrections == ()
 
 
-@pytest.mark.parametrize("kind", [cg.Tableau, lambda *a: cg.MuntheKaas(cg.Tableau(*a))])
-@pytest.mark.parametrize(("first", "second"), [((3, 1), (3, 2)), ((3, 1), (4, 1)), (2, 3)])
-def test_exchanged_neighbours(kind, first, second):
-    """In a row, in a column, and two weights."""
-    a, b = [list(row) for row in FEHLBERG_A], list(FEHLBERG_B[1])
-    if isinstance(first, int):
-        b[first], b[second] = b[second], b[first]
-        names = f"b_{first + 1}, b_{second + 1}"
-    else:
-        (i, j), (k, n) = first, second
-        a[i][j], a[k][n] = a[k][n], a[i][j]
-        names = f"a_{i + 1},{j + 1}, a_{k + 1},{n + 1}"
-    diagnosis = cg.diagnose(kind(a, b))
-    (one,) = diagnosis.corrections
-    assert (one.name, one.order, one.flat) == (names, 5, True)
-    assert one.given.split(", ") == one.value.split(", ")[::-1]
-    assert f"if only {names} were exchanged" in diagnosis.mistakes[0]
-
-
 def test_single_condition():
     (one,) = cg.diagnose(cg.Tableau([[], ["0.666669"]], ["1/4", "3/4"])).corrections
     assert (one.name, one.value, one.order, one.conditions) == ("a_2,1", "2/3", 2, 1)
@@ -121,13 +96,10 @@ def test_wrong_digits_beyond_double_precision(digit):
 
 
 def test_too_few_digits():
-    def cut(texts):
-        return [x[: x.index(".") + 8] if "." in x else x for x in texts]
-
-    a, b = texts(CG4A)
+    a, b = CG4A.exact
+    cut = [[f"{float(x):.7f}" for x in row] for row in a], [f"{float(x):.7f}" for x in b]
     single = CG4A.a.astype(np.float32).tolist(), CG4A.b.astype(np.float32).tolist()
-    cases = (list(map(cut, a)), cut(b)), single, CG4A.exact
-    for tableau in (cg.Tableau(*case) for case in cases):
+    for tableau in (cg.Tableau(*case) for case in (cut, single, CG4A.exact)):
         (mistake,) = cg.diagnose(tableau).mistakes
         residual = tableau.max_residual(4)
         assert f"conditions through order 4 hold up to {residual:.1g} only" in mistake
@@ -139,101 +111,80 @@ def test_printed_doubles(name, text):
     """A double has 15 to 17 digits, of which the last may be off by several units."""
     method = cg.methods[name]
     c = [text.format(float(sum(row))) for row in method.exact[0]]
-    assert cg.diagnose(method, c=c).mistakes == ()
     a = [[text.format(float(x)) for x in row[:i]] for i, row in enumerate(method.exact[0])]
     tableau = cg.Tableau(a, [text.format(float(x)) for x in method.exact[1]])
     found = cg.diagnose(tableau, c=c)
     assert (found.order, found.mistakes) == (method.order, ())
 
 
-@pytest.mark.parametrize(
-    ("tableau", "on_manifolds", "flat"), [(CLASSICAL, 2, 4), (cg.methods["RKMK5(4)"].tableau, 2, 5)]
-)
-def test_unlifted_classical_method(tableau, on_manifolds, flat):
+@pytest.mark.parametrize(("tableau", "flat"), [(CLASSICAL, 4), (cg.methods["RKMK5(4)"].tableau, 5)])
+def test_unlifted_classical_method(tableau, flat):
     diagnosis = cg.diagnose(tableau)
-    assert (diagnosis.order, diagnosis.flat_order) == (on_manifolds, flat)
+    assert (diagnosis.order, diagnosis.flat_order) == (2, flat)
     (mistake,) = diagnosis.mistakes
     assert mistake.startswith(f"it is a classical method: of order {flat} where flows commute")
     assert cg.diagnose(cg.MuntheKaas(tableau)).mistakes == ()
 
 
 def test_row_sums_and_second_weights():
-    c = [0, "0.8177227988124852", "0.3859740639032449", "0.3242290522866937", "0.8768903263420429"]
-    c[2] = "0.3859740639132449"
-    (mistake,) = cg.diagnose(CG4A, c=c).mistakes
-    assert "row 3 of a sums to 0.385974063903244" in mistake
-    assert mistake.endswith("not to c_3 = 0.3859740639132449: off by -1e-11")
-    refuses(ValueError, "c must", cg.diagnose, CG4A, c=[0])
-    refuses(ValueError, "c must", cg.diagnose, CG4A, c="0")
-    a, b = texts(CG4A)
-    (mistake, *_) = cg.diagnose(cg.Tableau(a, b, b_embedded=[b[0][:-3] + "999", *b[1:]])).mistakes
-    assert mistake.startswith("the second weights equal the first up to")
+    c = ["0", "3/4", "17/25"]
+    (mistake,) = cg.diagnose("CG3", c=c).mistakes
+    assert mistake == "row 3 of a sums to 17/24, not to c_3 = 17/25: off by 0.0283"
+    refuses(ValueError, "c must", cg.diagnose, "CG3", c=[0])
+    a, b = CG4A.exact
+    (mistake, _) = cg.diagnose(
+        cg.Tableau(a, b, b_embedded=[b[0] + Fraction(1, 10**33), *b[1:]])
+    ).mistakes
+    assert mistake.startswith("the second weights equal the first up to 1e-33")
 
 
 def test_files(tmp_path):
     file = tmp_path / "method.toml"
-    text = dumps(cg.methods["CG3"])
-    file.write_text(f'{text}\nc = ["0", "3/4", "17/24"]\n')
-    assert diagnose_file(file).mistakes == ()
-    file.write_text(f'{text}\nc = ["0", "3/4", "17/25"]\n')
+    file.write_text(f'{dumps(cg.methods["CG3"])}\nc = ["0", "3/4", "17/25"]\n')
     assert "row 3 of a sums to 17/24" in diagnose_file(file).mistakes[0]
     file.write_text(json.dumps({"a": [[], ["1/2"]], "b": [0, 1], "c": [0, 0.5]}))
     assert (diagnose_file(file).order, diagnose_file(file).method.name) == (2, "method")
-    file.write_text(f'{text}\nd = ["0"]\n')
-    refuses(cg.TableauError, r"method.toml: the entry has unknown keys: d", diagnose_file, file)
     file.write_text("a = [[]]\nb = [[]]\n")
     refuses(cg.TableauError, r"method.toml: b_1: ", diagnose_file, file)
 
 
 def test_first_violated_condition():
-    failing = cg.diagnose(cg.methods["CG2"]).failing
-    a, b = cg.methods["CG2"].exact
-    exact = cg.conditions.residuals(a, b, 3, independent=True, arithmetic="exact")
+    diagnosis = cg.diagnose("CG2")
+    failing = diagnosis.failing
+    exact = cg.conditions.residuals(cg.methods["CG2"], 3, independent=True, arithmetic="exact")
     assert failing.order == 3
-    assert failing.residual == pytest.approx(float(next(r for r in exact[2:] if r != 0)), rel=1e-14)
+    assert failing.residual == float(next(r for r in exact if r != 0))
     assert failing.right_side == Fraction(1, failing.tree.density)
-    assert failing.failing == sum(r != 0 for r in exact[2:])
-    assert failing.of == 3
-    data = json.loads(json.dumps(cg.diagnose("CG2").as_dict()))
+    data = json.loads(json.dumps(diagnosis.as_dict()))
     assert data["first_failing"]["tree"] == str(failing.tree)
-
-
-def test_single_evaluations_and_flows_are_not_plural():
-    text = str(cg.diagnose(cg.Tableau([[]], ["1"])))
-    assert text.startswith("a method: explicit, 1 evaluation, 1 flow\n")
 
 
 def test_approximate_method():
     diagnosis = cg.diagnose("CG6a")
     assert diagnosis.mistakes == ()
-    assert "nominal order: 6" in str(diagnosis)
+    assert "order 6 (nominal)" in str(diagnosis)
     assert (diagnosis.order, diagnosis.flat_order) == (1, 1)  # [[[]]] has one sequence of flows
 
 
-@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("small", ["1e-300", "1e-310", "1e-320", "1e-400", "1e-9999"])
 @pytest.mark.parametrize("other", ["1", "1.000000000000000000000000000000001"])
 def test_tiny_entries_within_their_last_place(small, other):
     diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, other]))
-    assert diagnosis.order == 2
-    assert diagnosis.failing.order == 3
+    assert (diagnosis.order, diagnosis.failing.order) == (2, 3)
 
 
-@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("exponent", [100, 300, 400, 4000])
 def test_tiny_rational_errors_count(exponent):
     small = Fraction(1, 10**exponent)
     diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, 1 - 2 * small]))
     assert (diagnosis.order, diagnosis.failing.order) == (0, 1)
     assert diagnosis.failing.residual == -float(small)
-    assert diagnosis.failing.failing == diagnosis.failing.of == 1
     size = f"-1e-{exponent}" if exponent < 330 else "less than a double can tell"
     assert f"off by {size}" in str(diagnosis)
     second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
-    assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
+    assert (second.order, second.failing.order) == (1, 2)
 
 
-@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", [cg.Tableau, lambda *rows: cg.MuntheKaas(cg.Tableau(*rows))])
 @pytest.mark.parametrize("huge", ["1e160", "1e308"])
 def test_residuals_beyond_doubles_are_violated(kind, huge):
