@@ -10,6 +10,7 @@ import cg
 from cg import frames as fr
 
 jnp = jax.numpy
+eqx = pytest.importorskip("equinox")
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
 
@@ -107,9 +108,13 @@ class TestRefusals:
         frame = fr.UnitQuaternion()
         ours = cg.jax.FrameTerm(lambda t, y, good: jnp.where(t > good, jnp.nan, y[:3]), frame)
 
-        def run(good, name="CF4(3)", **options):
+        @eqx.filter_jit
+        def compiled(good, name, **options):
             solver = cg.jax.Solver(name, dense="steps")
-            return jax.block_until_ready(solve(ours, solver, point(frame), args=good, **options))
+            return solve(ours, solver, point(frame), args=good, **options)
+
+        def run(good, name="CF4(3)", **options):
+            return jax.block_until_ready(compiled(jnp.asarray(good), name, **options))
 
         for options in ({}, {"name": "CF4", "h": 0.1}):
             refuses(RuntimeError, r"Nonfinite .* values detected", run, 0.5, **options)

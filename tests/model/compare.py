@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -230,10 +231,14 @@ def ensemble(
     ),
     begin: str = "",
 ) -> None:
-    """Members of an ensemble are equal to single solutions, however they are computed."""
-    program = case.program
+    """Members of an ensemble are equal to single solutions, however they are computed.
+
+    Of the ways to compute them some are chosen at random, and other ones by other programs.
+    """
+    program, rng = case.program, Random(case.program.seed)
     code = begin + _data_of_members(program)
-    ways, common = ([way for way in each if program.events or "many" not in way]
+    ways, common = ([way for way in each if (program.events or "many" not in way)
+                     and not (program.compiled and "vectorized" in way)]
                     for each in (ways, common))  # fmt: skip
     if program.endless and program.output is None and not program.dense:
         code += "several['t_eval'] = [span[0]]\n"
@@ -243,7 +248,7 @@ def ensemble(
         code += "several['inputs'] = [each['inputs'] for each in (options, second, options)]\n"
     single = case.solve(code + CALL.replace("y0, **options", "other, **second"))
     code += "s = cg.solve_ensemble(f, span, np.stack([y0, other, y0]), **several"
-    for way in (way for way in ways if not (program.compiled and "vectorized" in way)):
+    for way in rng.sample(ways, min(2, len(ways))):
         s = case.solve(f"{code}{way})")
         if "vectorized" in way and program.derivatives:  # differences of other roundings
             accurate(case, s[0], f"{code}{way})[0]")
@@ -257,7 +262,7 @@ def ensemble(
                 raise Difference("end", text, f"{code}{way})\nprint(s.y)")
     if case.jumps() or apart:
         return  # refused with common steps
-    for way in (way for way in common if not (program.compiled and "vectorized" in way)):
+    for way in rng.sample(common, min(1, len(common))):
         s = case.solve(f"{code}{way})")
         same(s[0], s[2], ("t", "y", *EVENTS), f"{code}{way})")
         if not program.endless:
