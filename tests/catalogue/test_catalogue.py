@@ -45,7 +45,7 @@ def test_source_is_given(name):
     assert len(methods[name].source) > 20
 
 
-QUICK = [name for name in EXACT if methods[name].order <= 7 and methods[name].stages < 30]
+QUICK = [name for name in EXACT if methods[name].order <= 7 and methods[name].exponentials < 200]
 
 
 # of order eight or many stages in exact arithmetic this takes ten seconds

@@ -77,7 +77,7 @@ class TestFlag:
     def test_flag_set_during_call_stops_it(self, entry):
         flag = np.zeros(1, dtype=np.intc)
         thread, results = called_in_thread(ENTRIES[entry], flag)
-        time.sleep(1)
+        time.sleep(0.2)
         assert thread.is_alive()
         flag[0] = 1
         thread.join(PATIENCE)
@@ -215,7 +215,7 @@ def after_one(process):
 
 
 def after_seconds(process):
-    time.sleep(1.5)
+    time.sleep(0.5)
     assert process.poll() is None
 
 
