@@ -17,7 +17,16 @@ from typing import Any
 import numpy as np
 
 from tests.model import scripts
-from tests.model.accuracy import EVENTS, Case, Difference, Unclear, accurate, bound_of, near
+from tests.model.accuracy import (
+    EVENTS,
+    Case,
+    Difference,
+    Unclear,
+    accurate,
+    bound_of,
+    near,
+    raise_if_singular,
+)
 from tests.model.derivatives import derivatives, in_jax
 from tests.model.drawing import SPLITTINGS
 from tests.model.programs import Program
@@ -208,6 +217,16 @@ def in_processes(case: Case) -> None:
     ensemble(case, (", executor=pool",), (), scripts.POOL)
 
 
+def in_scipy(case: Case) -> None:
+    """The solver of a frame for SciPy's loop."""
+    raise_if_singular(case)  # derivatives have as few digits
+    program = case.program
+    times = program.times((0.0, 0.2, 0.37, 0.8, 1.0))
+    code = scripts.SCIPY.replace("TIMES", str(times))
+    code = code.replace("REST", "(parameters,)" if program.parameters else "()")
+    near(case, 2 * times, case.run(code)["y"], code)
+
+
 def _data_of_members(program: Program) -> str:
     """Return the code of options of three members, of which the second has its own."""
     code = f"{scripts.TOGETHER}several, second, swapped = dict(options), dict(options), {{}}\n"
@@ -278,6 +297,7 @@ CALLERS = {
         ensemble,
         stepper_of_members,
         in_processes,
+        in_scipy,
         in_jax,
     )
 }

@@ -19,7 +19,10 @@ FIXED = (
     "RKMK8(5,3)", "ImplicitMidpoint", "DICG4b",
 )  # fmt: skip
 SPLITTINGS = ("Leapfrog", "McLachlan2", "BlanesMoan4", "BlanesMoan6")
-CALLERS = ("stepper_steps", "stepper_advances", "ensemble", "stepper_of_members", "in_processes")
+CALLERS = (
+    "stepper_steps", "stepper_advances", "ensemble", "stepper_of_members", "in_processes",
+    "in_scipy",
+)  # fmt: skip
 SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
 
 
@@ -89,8 +92,11 @@ def admitted(program: Program) -> Program:
     frame, callers = program.frame, sorted(program.callers)
     real = frame.base.dtype.kind != "c" and not frame.phase and frame.returned == (-1,)
     in_jax = real and not frame.prelude and "Coadjoint" not in frame.expression
-    if not in_jax or program.length == 0:
-        callers = [caller for caller in callers if caller != "in_jax"]
+    in_scipy = not frame.phase and frame.returned == (-1,)
+    for host, takes in (("in_jax", in_jax), ("in_scipy", in_scipy)):
+        if host in callers and (not takes or program.length == 0):
+            callers.remove(host)
+    hosted = "in_jax" in callers or "in_scipy" in callers
 
     def change(condition: Any, **changes: Any) -> None:
         """Change fields of the program if a condition holds."""
@@ -98,9 +104,10 @@ def admitted(program: Program) -> Program:
         program = replace(program, **changes) if condition else program
 
     change(not frame.compiled, compiled="")
-    change("in_jax" in callers, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
-    change("in_jax" in callers, arrays="", linear=False)
+    change(hosted, events=(), breaks=(), inputs=(), compiled="", steps=0.0)
+    change(hosted, arrays="", linear=False)
     change("in_jax" in callers and program.method not in PAIRS[1:-1], method="CF5(4)")
+    change("in_scipy" in callers and program.method not in PAIRS[:-1], method="auto")
     change(program.steps, first_step=0.0, max_step=0.0, arrays="", rtol=1e-6, atol=1e-6)
     change(program.length == 0.0, output=None, breaks=(), inputs=(), events=(), steps=0.0)
     change(program.length == 0.0, method="auto", first_step=0.0, max_step=0.0)
@@ -115,9 +122,9 @@ def admitted(program: Program) -> Program:
     change(program.linear, linear=plain)
     change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
     change(program.linear or program.compiled or not plain, rhs="coefficients")
-    change("in_jax" in callers or "Stiefel" in program.frame.expression, rhs="coefficients")
+    change(hosted or "Stiefel" in program.frame.expression, rhs="coefficients")
     smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
-    change(not smooth or program.method in SPLITTINGS or "in_jax" in callers, derivatives="")
+    change(not smooth or program.method in SPLITTINGS or hosted, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")
     rough = program.start == 1e5 or abs(program.start) > 1e5 * abs(program.length)  # large phases
     change(rough and program.derivatives == "forward" and program.rtol < 1e-6, rtol=1e-6, atol=1e-6)

@@ -101,3 +101,13 @@ def points(p):
         stepsize_controller=cg.jax.controller(frame, options["rtol"], options["atol"]),
         saveat=diffrax.SaveAt(ts=np.linspace(*span, 4)[1:])).ys
 y, slope = points(REST), jax.vjp(points, REST)[1]"""
+SCIPY = """import cg.scipy, scipy.integrate
+def slope(t, z, *rest):
+    y = z.reshape(y0.shape)
+    return frame.field(python(t, y, *rest), y).reshape(-1)
+hosts = ("rtol", "atol", "first_step", "max_step")
+s = scipy.integrate.solve_ivp(
+    slope, span, y0.reshape(-1), cg.scipy.Solver(frame, options.get("method", "auto")),
+    t_eval=TIMES, dense_output=True, args=REST, **{k: options[k] for k in hosts if k in options})
+assert s.success, s.message
+y = [*s.y.T, *s.sol(s.t).T]"""
