@@ -16,9 +16,9 @@ from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
 from cg.support.checks import total_memory
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import LoopStatus
 
-_TERMINAL = int(Stop.TERMINAL_EVENT)
+_TERMINAL = int(LoopStatus.TERMINAL_EVENT)
 
 
 def add_derivatives(problem: Problem, options: Options | None) -> Problem:
@@ -64,7 +64,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1
-    for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
+    for member in np.flatnonzero(run.status == _TERMINAL).tolist():
         messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
         times, y, observed = run.steps()

@@ -39,13 +39,13 @@ from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_real, short, warn_user
 from cg.support.frozen import changed
-from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
+from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, LoopStatus
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method
 
 _FAR = 2.0**40  # number of fixed steps to the end of segments without a final time
 _STEP_COUNTER = list(COUNTERS).index("steps")
-_TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
+_TERMINAL = int(LoopStatus.TERMINAL_EVENT)  # an int, which is faster
 _NONE_STOPPED = np.zeros(1, dtype=np.bool_)
 
 

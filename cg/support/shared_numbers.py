@@ -14,7 +14,7 @@ else:  # run by the build, beside shared_records.py
     from shared_records import RECORDS, STATE, record_type  # type: ignore[import-not-found,no-redef]
 
 
-class Stop(IntEnum):
+class LoopStatus(IntEnum):
     """Why the compiled loop over steps returned."""
 
     FINISHED = 0
@@ -305,7 +305,7 @@ COMMUTE = 1024.0  # a bracket of less rounding errors of its factors counts as z
 MAX_LENGTH_RATIO = 1000.0
 
 _SUFFIXES = {
-    Stop: "",
+    LoopStatus: "",
     RhsFlag: "",
     StepKind: "_kind",
     EstimateForm: "_estimate",

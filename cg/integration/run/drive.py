@@ -12,7 +12,7 @@ from cg.frames.facts import facts_of
 from cg.integration.run.run import Run
 from cg.support.checks import NO_LIMIT
 from cg.support.parallel import raise_if_stopped
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import LoopStatus
 from cg.support.shared_records import COUNTS
 from cg.tables import Kind
 
@@ -61,7 +61,7 @@ class StepCheck:
         self._taken += taken
         if self._taken < self._next:
             return
-        active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
+        active = np.where(run.status == LoopStatus.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
         member = int(active.argmax())
         if active[member] < self._next:
             return
