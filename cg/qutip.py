@@ -71,7 +71,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
         for row, part in zip(rows, parts, strict=True):
             self._values[row] += part
-        self._stops: dict[float, Array] = {}
+        self._array_times: dict[float, Array] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 
@@ -169,8 +169,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         if "max_step" not in options and not in_pieces:
             options["max_step"] = _INTERVALS * np.abs(np.diff(times)).max()
         start, end = sorted((times[0], times[-1]))
-        stops = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
-        inside = stops[(stops > start) & (stops < end)]
+        ends = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
+        inside = ends[(ends > start) & (ends < end)]
         return solve_linear(
             self._coefficients,
             (times[0], times[-1]),
@@ -184,9 +184,9 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def _times_of_arrays(self, rtol: float) -> Array:
         """Return the times at which steps end because of coefficients from arrays."""
-        if rtol not in self._stops:
-            self._stops[rtol] = _times_of_arrays(self._functions, rtol)
-        return self._stops[rtol]
+        if rtol not in self._array_times:
+            self._array_times[rtol] = _times_of_arrays(self._functions, rtol)
+        return self._array_times[rtol]
 
     def _frame(self) -> LinearAction:
         columns = self._y.shape[1]

@@ -104,9 +104,9 @@ def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) ->
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
 
 
-def check_heated_span(bath: Any, start: float, stop: float) -> None:
+def check_heated_span(bath: Any, start: float, end: float) -> None:
     """Raise ValueError if time runs backward with a heat bath."""
-    if bath is not None and stop < start:
+    if bath is not None and end < start:
         raise ValueError(
             "thermostat must be None backward in time, where friction would drive momenta, got "
             f"{bath!r}"
@@ -178,7 +178,7 @@ def read_member_inertia(
 
 
 def step_function_of(
-    options: EnsembleOptions, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
+    options: EnsembleOptions, plan: Plan, rhs: Rhs, t: float, end: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
     function = options["step_function"]
@@ -208,7 +208,7 @@ def step_function_of(
     h = options["h"]
     assert isinstance(plan.frame, PhaseSpace)
     assert h is not None
-    later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * h
+    later = t + float(np.clip(end - t, -1.0, 1.0)) * _PART_OF_STEP * h
     _check_reversible(size_at, plan.frame, t, later, y)
     return observer
 

@@ -36,7 +36,7 @@ def check_output_size(problem: Problem) -> None:
     plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
         return
-    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    steps = equal_steps(h, [problem.t0, *problem.segment_ends.tolist()])
     total, needed = steps * len(problem.points), 0
     if problem.every and problem.keeps_points:
         needed = (total // problem.every + 2) * (8 * plan.width + 8)

@@ -406,12 +406,12 @@ class Samples(ReadOnly):
         curve.members = len(curve.values)
         return curve
 
-    def check_span(self, start: float, stop: float, name: str = "t") -> None:
+    def check_span(self, start: float, end: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
         low, high = self._span
-        if not (low <= min(start, stop) and max(start, stop) <= high):
-            low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
-            is_span = start < stop or stop < start  # else one time, or NaN
+        if not (low <= min(start, end) and max(start, end) <= high):
+            low_text, high_text, *got = texts_of(self.times[0], self.end, start, end)
+            is_span = start < end or end < start  # else one time, or NaN
             raise ValueError(
                 f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
                 f"got {'({}, {})'.format(*got) if is_span else got[0]}"

@@ -109,7 +109,7 @@ class Run:
         record.members, record.lanes = self.members, self._lanes
         record.first_member, record.common = problem.first_member, problem.common_steps
         record.keep_last, record.goes_on = keep_last, keep_last and not problem.ensemble
-        record.t0, record.segments = problem.t0, len(problem.stops)
+        record.t0, record.segments = problem.t0, len(problem.segment_ends)
         record.function, record.data, record.data_stride = self.rhs.addresses()
         record.of_time, record.vectorized = problem.linear, self.rhs.vectorized
         record.context = id(self.callbacks)
@@ -201,7 +201,7 @@ class Run:
     def _share_problem(self) -> None:
         """Share the arrays and the functions of the problem."""
         problem, control = self.problem, self.control
-        self._share("stops", problem.stops)
+        self._share("stops", problem.segment_ends)
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_functions()
@@ -321,9 +321,9 @@ class Run:
         self.record.data = self.rhs.data_address
         self._core.run_restart(self.address, t, rows.T, first_step or 0.0, stopped.view(np.int8))
 
-    def resume(self, stops: Array) -> None:
+    def resume(self, segment_ends: Array) -> None:
         """Continue trajectories with other ends of segments."""
-        self.record.segments = len(self._share("stops", stops))
+        self.record.segments = len(self._share("stops", segment_ends))
         self._core.run_continue(self.address, False)
 
     def saved(self) -> dict[str, Any]:
