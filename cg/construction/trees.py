@@ -276,9 +276,9 @@ _PER_STATEMENT = 480  # compilers limit the length of a list and its continuatio
 
 def _data(name: str, values: Sequence[int]) -> Iterator[str]:
     for begin in range(0, len(values), _PER_STATEMENT):
-        part = values[begin : begin + _PER_STATEMENT]
-        yield f"  data {name}({begin + 1}:{begin + len(part)}) / &"
-        rows = textwrap.wrap(", ".join(map(str, part)) + " /", width=90)
+        chunk = values[begin : begin + _PER_STATEMENT]
+        yield f"  data {name}({begin + 1}:{begin + len(chunk)}) / &"
+        rows = textwrap.wrap(", ".join(map(str, chunk)) + " /", width=90)
         yield " &\n".join(f"    {row}" for row in rows)
 
 

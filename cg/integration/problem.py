@@ -90,7 +90,7 @@ class Problem:
     common_steps: bool  # whether all members take the same steps
     first_member: int = 0  # number of the first of these members in the ensemble
     inertia: MemberInertia | None = None  # None if all members have the inertia of the frame
-    # inputs of each member, if each has its own sample times; their corners are added by `part`
+    # inputs of each member, if each has its own sample times; `of_members` adds their corners
     member_inputs: tuple[Inputs, ...] = ()
     # times and steps
     t0: float
@@ -131,7 +131,7 @@ class Problem:
         """Final time."""
         return float(self.segment_ends[-1])
 
-    def part(self, members: slice) -> Problem:
+    def of_members(self, members: slice) -> Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
@@ -142,13 +142,13 @@ class Problem:
             extra.inputs,
             extra.parameters,
         )
-        inertia = self.inertia and self.inertia.part(members)
+        inertia = self.inertia and self.inertia.of_members(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]
             tolerance = self.control.tolerance
             ends, limits = inputs.add_corners(ends, self.t0, tolerance), inputs.limits(tolerance)
         elif inputs is not None:
-            inputs = inputs.part(members)
+            inputs = inputs.of_members(members)
         parameters = None if parameters is None else parameters[members]
         extra = extra._replace(parameters=parameters, inputs=inputs, first_member=first)
         rhs = self.rhs.with_data(extra)
@@ -165,7 +165,7 @@ class Problem:
         """Return the arguments of a member's functions after time and point."""
         if not self.member_inputs:
             return self.rhs.extra.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.extra.arguments(0)
+        return self.of_members(slice(member, member + 1)).rhs.extra.arguments(0)
 
 
 def _make_rhs(

@@ -315,9 +315,9 @@ def error_estimate(
         return Estimate(rules.field(v, y1), rules.measured(v, y1))
 
     if rules.log is None:
-        differences = [Estimate(y1 - result, y1 - result) for result in fixed(stages.others)]
+        differences = [Estimate(y1 - result, y1 - result) for result in fixed(stages.other_results)]
     else:
-        differences = [of_vector(rules.log(result, y1)) for result in fixed(stages.others)]
+        differences = [of_vector(rules.log(result, y1)) for result in fixed(stages.other_results)]
     sums = [of_vector(v) for v in h * fixed(stages.errors)]
     if not differences and not sums:
         return None

@@ -78,9 +78,9 @@ class Requirements:
             )
 
     def __str__(self) -> str:
-        parts = [f"{name} in [{lower:g}, {upper:g}]" for name, lower, upper in self.bounds]
-        parts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
-        return " and ".join(parts)
+        texts = [f"{name} in [{lower:g}, {upper:g}]" for name, lower, upper in self.bounds]
+        texts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
+        return " and ".join(texts)
 
     def limits(self, layout: Layout, margin: float = 0.0) -> Limits:
         """Return the bounds on the unknowns of a layout, moved inside by a relative margin."""

@@ -87,7 +87,7 @@ class DerivativeSplitter:
             frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
             tables = [table.on_frame(frame) for frame in frames]
         if problem.member_inputs:
-            bounds = (_bounds(problem.part(slice(k, k + 1))) for k in range(len(tables)))
+            bounds = (_bounds(problem.of_members(slice(k, k + 1))) for k in range(len(tables)))
             pairs = zip(tables, bounds, strict=True)
             tables = [VariationalEvents(each.table, each.equation, own) for each, own in pairs]
         events: Any = solution.t_events, solution.y_events

@@ -73,11 +73,11 @@ class Inputs:
         ends = np.cumsum([math.prod(curve.shape) for curve in self.curves])
         return zip(self.curves, np.split(numbers, ends[:-1], axis=-1), strict=True)
 
-    def part(self, members: slice) -> Inputs:
+    def of_members(self, members: slice) -> Inputs:
         """Return the inputs of some members."""
         if self.members is None:
             return self
-        return replace(self, curves=tuple(curve.part(members) for curve in self.curves))
+        return replace(self, curves=tuple(curve.of_members(members) for curve in self.curves))
 
     def data_with(self, parameters: Array | None) -> Array:
         """Return the parameters of each member, with room for the inputs after them."""

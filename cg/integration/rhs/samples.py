@@ -242,7 +242,7 @@ class Samples(ReadOnly):
         self._pieces.setflags(write=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # without cached properties, since `part` copies the object and gives it other values
+        # without cached properties, since `of_members` copies the object and gives it other values
         cached = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in cached}
 
@@ -396,7 +396,7 @@ class Samples(ReadOnly):
             rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
         return np.asarray(np.concatenate(rows).reshape(self.values.shape))
 
-    def part(self, members: slice) -> Samples:
+    def of_members(self, members: slice) -> Samples:
         """Return the curves of some members."""
         if self.members is None:
             return self
