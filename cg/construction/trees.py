@@ -66,9 +66,10 @@ class OrderedTree:
                 children = finished.pop()
                 finished[-1].append(cls(tuple(children)))
             else:
-                raise ValueError(f"text {text!r}: unexpected {character!r} at position {position}")
+                where = f"{character!r} at [{position}] of {text!r}"
+                raise ValueError(f"text must be balanced brackets, got {where}")
         if len(finished) != 1 or len(finished[0]) != 1:
-            raise ValueError(f"text {text!r}: expected exactly one tree in balanced brackets")
+            raise ValueError(f"text must be one tree in balanced brackets, got {text!r}")
         return finished[0][0]
 
     def __str__(self) -> str:

@@ -80,7 +80,7 @@ def check_args(args: Any) -> tuple[Any, ...]:
 def check_resolution(h: float | None, t: float) -> None:
     """Raise ValueError if a fixed step doesn't change the time."""
     if h is not None and h < math.ulp(t):
-        raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
+        raise ValueError(f"h must change the time at t = {t!r}, got {h!r}")
 
 
 def check_rtol(rtol: Any) -> Array:
@@ -114,9 +114,7 @@ def equal_steps(h: float, ends: list[float]) -> int:
             continue
         resolution = math.ulp(max(abs(start), abs(end)))
         if span / h > _MAX_STEPS or (span > h and h < resolution):
-            raise ValueError(
-                f"h is too small for t_span {(start, end)!r}: its times coincide, got {h!r}"
-            )
+            raise ValueError(f"h must lead to distinct times in t_span {(start, end)!r}, got {h!r}")
         total += core.equal_steps(start, end, h)[0]
     return total
 

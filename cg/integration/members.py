@@ -44,7 +44,7 @@ def check_output_size(problem: Problem) -> None:
         needed += total * 8 * (2 * plan.width + plan.interpolant_vectors * plan.dim + 5)
     if needed > total_memory():
         raise ValueError(
-            f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
+            f"h must be larger for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
             f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
         )
 

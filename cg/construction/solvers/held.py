@@ -45,7 +45,7 @@ def read_hold(hold: Any) -> Hold:
             raise ValueError(f"hold: {name}: {error}") from None
         key = plain_name("hold", name)
         if values.setdefault(key, value) != value:
-            raise ValueError(f"hold: {name} has two values, {values[key]} and {value}")
+            raise ValueError(f"hold must give {name} one value, got {values[key]} and {value}")
     return tuple(sorted(values.items()))
 
 
@@ -65,8 +65,8 @@ class HeldValues:
         for name, _ in equations:
             if name not in unknowns:
                 raise ValueError(
-                    f"hold: there is no {name}; unknowns are {', '.join(layout.names)}, "
-                    f"and abscissae c_1 to c_{layout.stages}"
+                    f"hold must name unknowns, {', '.join(layout.names)}, or abscissae c_1 to "
+                    f"c_{layout.stages}, got {name}"
                 )
         try:
             return cls.solving(

@@ -91,8 +91,9 @@ class ConditionSystem:
         explicit, highest = self.rows is Rows.EXPLICIT, len(_REMAINING[1])
         if structure and not (explicit and self.stages > 2 and 4 <= order <= highest):
             raise ValueError(
-                f"structure = {structure.name} is for explicit tableaux of orders 4 to {highest} "
-                f"with 3 stages or more, got order {order}, {self.stages} stages, {self.rows!r}"
+                "structure must be GENERAL but for explicit tableaux of orders 4 to "
+                f"{highest} with 3 stages or more, got {structure.name} with order {order}, "
+                f"{self.stages} stages, {self.rows!r}"
             )
 
     @classmethod
