@@ -83,7 +83,7 @@ class Problem:
     rhs: Rhs
     linear: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
-    events: Any  # an `EventTable`, or `VariationalEvents` of points with derivatives, or None
+    events: EventTable | None
     # members
     points: Points  # initial points, shape (members, *point_shape)
     ensemble: bool  # whether it has members, even one

@@ -45,7 +45,7 @@ class _Derivatives(NamedTuple):
     span: float  # largest difference between two values along the solution
 
 
-class VariationalEvents:
+class VariationalEvents(EventTable):
     r"""The events of a solution with its derivatives.
 
     Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
@@ -67,16 +67,14 @@ class VariationalEvents:
     """
 
     def __init__(self, table: EventTable, equation: VariationalEquation, bounds: Array) -> None:
+        vars(self).update(vars(table))  # the functions are the same
         self.table, self.equation, self.bounds = table, equation, bounds
-        self.frame, self.width, self.rows = table.frame, table.width, table.rows.copy()
+        self.rows = table.rows.copy()
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_address
         self._callable = [
             None if source is None else _EVENT(source.address) for source in table.compiled
         ]
-
-    def __len__(self) -> int:
-        return len(self.table)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VariationalEvents, (self.table, self.equation, self.bounds)
@@ -186,7 +184,7 @@ class VariationalEvents:
         data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
-        return self.table.wrapped(index, float(function(t, point.ctypes.data, data)))
+        return self.wrapped(index, float(function(t, point.ctypes.data, data)))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
