@@ -154,6 +154,7 @@ class Stepper:
         if parameters is not None:
             check_finite("parameters", parameters if ensemble else parameters[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
+        self.n = self.frame.dim
         self._first_step = None if first is None else check_real("first_step", first, positive=True)
         self._breakpoints = check_breakpoints(breakpoints, start, bound)[:-1]
         if len(self._breakpoints):
@@ -206,6 +207,11 @@ class Stepper:
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
         return stopped if self._ensemble else _NONE_STOPPED
 
+    @property
+    def stopped(self) -> NDArray[np.bool_] | None:
+        """Whether a terminal event has ended each member; None for a single point."""
+        return self._stopped if self._ensemble else None
+
     def _events(self, select: Any) -> list[Any] | None:
         """Return ``select(t, y)`` of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
@@ -231,8 +237,6 @@ class Stepper:
         return int(self._run.counts[:, COUNTS.index(name)].sum())
 
     method = property(lambda self: source_method(self.table), doc="The method, a `cg.Method`.")
-    n = property(lambda self: self.frame.dim, doc="Number of coefficients.")
-    stopped = property(lambda self: self._stopped if self._ensemble else None, doc="Ended members.")
     nfev = property(lambda self: self._count("nfev"), doc="Evaluations of the coefficients.")
     nexp = property(lambda self: self._count("nexp"), doc="Flows.")
     njev = property(lambda self: self._count("njev"), doc="Jacobians of stage equations.")
@@ -245,7 +249,7 @@ class Stepper:
         Parameters
         ----------
         limit
-            Time that the step doesn't go beyond, as ``t`` of `advance`; by default ``t_bound``.
+            Time beyond ``.t`` that the step doesn't pass; by default ``t_bound``.
 
         Returns
         -------
@@ -254,6 +258,8 @@ class Stepper:
 
         Raises
         ------
+        ValueError
+            If ``limit`` isn't beyond ``.t``, or is beyond ``t_bound``.
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
@@ -262,14 +268,14 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
-        target = self._end
-        if limit is not None:
-            target = self._check_time(limit, "limit", self.t)
-        elif self.t == target:
+        target = self._end if limit is None else self._check_time(limit, "limit", self.t)
+        if target == self.t and limit is not None:
+            raise ValueError(f"limit must lie beyond t = {self.t:.17g}, got {limit!r}")
+        if target == self.t:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        return None if target == self.t else self._drive(self._take_step, target)
+        return self._drive(self._take_step, target)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -279,7 +285,7 @@ class Stepper:
         Parameters
         ----------
         t
-            Time, not before ``.t`` and not beyond ``t_bound``.
+            Time from ``.t``, for which no step is taken, to ``t_bound``.
 
         Returns
         -------
