@@ -66,8 +66,7 @@ class OrderedTree:
                 children = finished.pop()
                 finished[-1].append(cls(tuple(children)))
             else:
-                where = f"{character!r} at [{position}] of {text!r}"
-                raise ValueError(f"text must be balanced brackets, got {where}")
+                raise ValueError(f"text must be brackets in pairs, got {character!r} at {position}")
         if len(finished) != 1 or len(finished[0]) != 1:
             raise ValueError(f"text must be one tree in balanced brackets, got {text!r}")
         return finished[0][0]

@@ -136,12 +136,8 @@ class Problem:
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
         first, plan, events, extra = members.start, self.plan, self.events, self.rhs.extra
-        ends, limits, inputs, parameters = (
-            self.segment_ends,
-            self.limits,
-            extra.inputs,
-            extra.parameters,
-        )
+        ends, limits = self.segment_ends, self.limits
+        inputs, parameters = extra.inputs, extra.parameters
         inertia = self.inertia and self.inertia.of_members(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]

@@ -282,7 +282,7 @@ def test_where_the_zero_is():
             enclose_zero(system, packed.balls(), movable, none, 60)
     with working_precision(200):
         test = krawczyk(system, packed.balls(), movable, arb("1e-35"))
-        with pytest.raises(CertificationError, match=r"places must be fewer .* got 100"):
+        with pytest.raises(CertificationError, match="places must be fewer, got 100"):
             enclose_zero(system, packed.balls(), movable, test, 100)
 
 

@@ -127,7 +127,7 @@ def result_and_estimate(
     method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT,
     powers: int | None = None,
 ) -> tuple[Vector, Vector]:  # fmt: skip
-    """Return the result of a step and the estimate of its error, by angles φ.
+    """Return the result of a step and the estimate of its error, an `EstimateForm`, by angles φ.
 
     Perturbations have `values` at the nodes; X is multiplied by the polynomial `base` of time.
     The series of dexp⁻¹ has terms up to a power, or all of them.
@@ -166,7 +166,7 @@ def result_and_estimate(
 
 
 def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
-    """Return the quotient of the estimates e1 and e2 of a part, or e1 alone if there is no e2."""
+    """Return the quotient Q of `EstimateForm` for a part, whose rows are e1, kinks and e2."""
     e1, e2 = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
     quotient = e1 / np.maximum(np.hypot(e1, factor * e2), 1e-300)
     return np.asarray(e1 * quotient**power)

@@ -132,9 +132,7 @@ def enclose_zero(
                 z[k] = z[k] + flint.arb(0, distance.upper())
             return z
         if not 2 * distance < last:
-            raise CertificationError(
-                f"places must be fewer at this working precision, got {places}", **test.quantities
-            )
+            raise CertificationError(f"places must be fewer, got {places}", **test.quantities)
         last = distance
         for k, change in zip(movable, changes, strict=True):
             z[k] = (z[k] - change).mid()

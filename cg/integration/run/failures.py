@@ -166,8 +166,7 @@ def warnings_of(run: Run) -> list[str]:
     if not run.problem.ensemble:
         *_, steps, rejected = run.counts[0].tolist()
         are_many = rejected >= _REJECTIONS and 2 * rejected > steps
-        # the message of TOO_MANY_STEPS names the reason
-        if are_many and run.status[0] != LoopStatus.TOO_MANY_STEPS:
+        if are_many and run.status[0] != LoopStatus.TOO_MANY_STEPS:  # which names the reason
             texts.append(
                 f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
                 "jumps at known times, name them as breakpoints"
