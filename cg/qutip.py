@@ -67,11 +67,11 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
                 f"arguments {list(feedback)}"
             )
         self._functions, rows, matrices = _collect(self.system)
-        self._pattern, parts = on_one_pattern(matrices, symmetric=True)
-        self._values = np.zeros((1 + len(self._functions), parts.shape[1]), complex)
-        for row, part in zip(rows, parts, strict=True):
-            self._values[row] += part
-        self._stops: dict[float, Array] = {}
+        self._pattern, values = on_one_pattern(matrices, symmetric=True)
+        self._values = np.zeros((1 + len(self._functions), values.shape[1]), complex)
+        for row, added in zip(rows, values, strict=True):
+            self._values[row] += added
+        self._array_times: dict[float, Array] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 
@@ -165,12 +165,12 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     def _solve(self, times: Array) -> Any:
         options = {name: self.options[name] for name in ("rtol", "atol")}
         options |= {n: self.options[n] for n in ("max_step", "first_step") if self.options[n]}
-        in_pieces = all(isinstance(part, InterCoefficient) for part in self._functions)
+        in_pieces = all(isinstance(function, InterCoefficient) for function in self._functions)
         if "max_step" not in options and not in_pieces:
             options["max_step"] = _INTERVALS * np.abs(np.diff(times)).max()
         start, end = sorted((times[0], times[-1]))
-        stops = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
-        inside = stops[(stops > start) & (stops < end)]
+        ends = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
+        inside = ends[(ends > start) & (ends < end)]
         return solve_linear(
             self._coefficients,
             (times[0], times[-1]),
@@ -184,9 +184,9 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def _times_of_arrays(self, rtol: float) -> Array:
         """Return the times at which steps end because of coefficients from arrays."""
-        if rtol not in self._stops:
-            self._stops[rtol] = _times_of_arrays(self._functions, rtol)
-        return self._stops[rtol]
+        if rtol not in self._array_times:
+            self._array_times[rtol] = _times_of_arrays(self._functions, rtol)
+        return self._array_times[rtol]
 
     def _frame(self) -> LinearAction:
         columns = self._y.shape[1]
@@ -218,14 +218,14 @@ class _WrongAssumptionError(Exception):
 
 
 def _collect(system: Any) -> tuple[list[Any], list[int], list[sparse.csr_array]]:
-    """Return the coefficients, and of each part the number of its coefficient and its matrix.
+    """Return the coefficients, and of each term the number of its coefficient and its matrix.
 
-    Coefficients are counted from 1; constant parts have the number 0.
+    Coefficients are counted from 1; constant terms have the number 0.
     """
     functions: list[Any] = []
     numbers, matrices = [], []
-    for part in system.to_list():
-        operator, coefficient = part if isinstance(part, list) else (part, None)
+    for term in system.to_list():
+        operator, coefficient = term if isinstance(term, list) else (term, None)
         if not isinstance(operator, Qobj):
             raise TypeError(
                 "the system must be a sum of operators with coefficients for the method 'cg', got "
@@ -245,12 +245,12 @@ def _times_of_arrays(coefficient: Any, tolerance: float) -> Array:
     """
     found, rest = [np.empty(0)], [coefficient]
     while rest:
-        part = rest.pop()
-        if isinstance(part, tuple | list):
-            rest += part
-        elif isinstance(part, Coefficient):
-            _, arguments, *state = part.__reduce__()
-            if isinstance(part, InterCoefficient):
+        item = rest.pop()
+        if isinstance(item, tuple | list):
+            rest += item
+        elif isinstance(item, Coefficient):
+            _, arguments, *state = item.__reduce__()
+            if isinstance(item, InterCoefficient):
                 found.append(_times(arguments[0], arguments[1], tolerance))
             else:
                 rest += arguments, *state

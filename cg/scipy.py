@@ -166,7 +166,7 @@ class FrameSolver(OdeSolver):
             v = self.frame._coefficients_at(y[None], self._start[2][None])[0]
             rate = _turning_rate(self.frame, v)
             if rate * abs(bound - t) > self._max_angle:
-                bound = t + self.direction * self._max_angle / rate
+                bound = t + self.direction * max(self._max_angle / rate, math.ulp(t))
         return None if math.isinf(bound) else bound
 
     def _dense_output_impl(self) -> DenseOutput:

@@ -66,9 +66,9 @@ class OrderedTree:
                 children = finished.pop()
                 finished[-1].append(cls(tuple(children)))
             else:
-                raise ValueError(f"text {text!r}: unexpected {character!r} at position {position}")
+                raise ValueError(f"text must be brackets in pairs, got {character!r} at {position}")
         if len(finished) != 1 or len(finished[0]) != 1:
-            raise ValueError(f"text {text!r}: expected exactly one tree in balanced brackets")
+            raise ValueError(f"text must be one tree in balanced brackets, got {text!r}")
         return finished[0][0]
 
     def __str__(self) -> str:
@@ -276,9 +276,9 @@ _PER_STATEMENT = 480  # compilers limit the length of a list and its continuatio
 
 def _data(name: str, values: Sequence[int]) -> Iterator[str]:
     for begin in range(0, len(values), _PER_STATEMENT):
-        part = values[begin : begin + _PER_STATEMENT]
-        yield f"  data {name}({begin + 1}:{begin + len(part)}) / &"
-        rows = textwrap.wrap(", ".join(map(str, part)) + " /", width=90)
+        chunk = values[begin : begin + _PER_STATEMENT]
+        yield f"  data {name}({begin + 1}:{begin + len(chunk)}) / &"
+        rows = textwrap.wrap(", ".join(map(str, chunk)) + " /", width=90)
         yield " &\n".join(f"    {row}" for row in rows)
 
 

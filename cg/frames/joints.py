@@ -20,7 +20,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import check_choice, check_integer, check_real, short
-from cg.support.shared_numbers import BlockKind, RowForm, Stop
+from cg.support.shared_numbers import BlockKind, LoopStatus, RowForm
 
 Row = tuple[RowForm, int, int]  # the form of a row, and the axes of both bodies
 
@@ -241,7 +241,7 @@ class Linkage:
         status = np.zeros(len(rows[0]), dtype=np.intc)
         if len(status):  # no array may be empty
             getattr(core, procedure)(self.address, *(array.T for array in rows), status)
-        if (status == Stop.OUT_OF_MEMORY).any():
+        if (status == LoopStatus.OUT_OF_MEMORY).any():
             raise MemoryError("there is not enough memory for the constraints of joints")
         return status
 
@@ -263,7 +263,7 @@ class Linkage:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
         status = self._call("joints_close", rows)
-        rows[status != Stop.FINISHED] = np.nan
+        rows[status != LoopStatus.FINISHED] = np.nan
         return rows.reshape(y.shape)
 
     def forces(self, y: Array, f: Array) -> tuple[Array, Array]:
@@ -274,8 +274,8 @@ class Linkage:
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
         status = self._call("joints_forces", rows, fields, multipliers)
-        fields[status != Stop.FINISHED] = np.nan
-        multipliers[status != Stop.FINISHED] = np.nan
+        fields[status != LoopStatus.FINISHED] = np.nan
+        multipliers[status != LoopStatus.FINISHED] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)
 
     def check_rank(self, y: Array, name: str) -> None:

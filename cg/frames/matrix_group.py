@@ -26,7 +26,7 @@ take less time than those with their few entries."""
 _ALGEBRA_ROUNDING = 1e-12
 
 Indices = NDArray[np.intp]
-Part = tuple[Indices, Indices, NDArray[Any]]  # a row, a column and a value of each matrix
+Term = tuple[Indices, Indices, NDArray[Any]]  # a row, a column and a value of each matrix
 
 
 class Entries(NamedTuple):
@@ -51,11 +51,11 @@ class Entries(NamedTuple):
         return flat
 
 
-def entries_of(rows: int, *parts: Part) -> Entries:
-    """Return the entries of matrices that are sums of parts with one entry each."""
-    fields = np.tile(np.arange(len(parts[0][0])), len(parts))
-    indices = np.concatenate([row * rows + column for row, column, _ in parts])
-    return Entries(fields, indices, np.concatenate([values for _, _, values in parts]))
+def entries_of(rows: int, *terms: Term) -> Entries:
+    """Return the entries of matrices that are sums of terms with one entry each."""
+    fields = np.tile(np.arange(len(terms[0][0])), len(terms))
+    indices = np.concatenate([row * rows + column for row, column, _ in terms])
+    return Entries(fields, indices, np.concatenate([values for _, _, values in terms]))
 
 
 def _real_rank(matrices: ArrayLike) -> int:

@@ -245,11 +245,11 @@ class Sp(NoncompactMatrixGroup):
         half = self.n // 2
         i, j = np.triu_indices(self.n)
         below = np.where(i == j, 0.0, 1.0)
-        parts = [
+        terms = [
             (np.where(row < half, row + half, row - half), column, np.where(row < half, -1.0, 1.0))
             for row, column in ((i, j), (j, i))
         ]
-        return entries_of(self.n, parts[0], (*parts[1][:2], below * parts[1][2]))
+        return entries_of(self.n, terms[0], (*terms[1][:2], below * terms[1][2]))
 
     def inverse(self, x: ArrayLike) -> Points:
         return np.asarray(-self._form @ self._points(x, "x").mT @ self._form)
@@ -332,14 +332,14 @@ def gell_mann(n: int) -> Entries:
     last, entry = last[1:], entry[1:]  # without the identity
     scale = np.sqrt(2.0 / (last * (last + 1.0)))
     diagonal = np.where(entry == last, -last * scale, scale)
-    parts = [
+    terms = [
         (pair, i, j, ones),
         (pair, j, i, ones),
         (pair + 1, i, j, -1j * ones),
         (pair + 1, j, i, 1j * ones),
         ((last + 1) ** 2 - 2, entry, entry, diagonal),
     ]
-    fields, rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+    fields, rows, columns, values = map(np.concatenate, zip(*terms, strict=True))
     return Entries(fields, rows * n + columns, -0.5j * values)
 
 

@@ -198,7 +198,7 @@ class PhaseSpace(Product):
         lost = np.isfinite(y).all(axis=-1) & ~np.isfinite(closed).all(axis=-1)
         if lost.any():
             self.check_rank(y[lost][0] if y.ndim > 1 else y, "the configuration")
-            raise ValueError("the configuration must nearly close joints, and they can't be closed")
+            raise ValueError("the configuration must nearly close joints, got one far from that")
         return closed
 
     def check_rank(self, y: Array, name: str = "the point") -> None:

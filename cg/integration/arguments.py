@@ -29,16 +29,16 @@ _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
 
-def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
+def check_breakpoints(breakpoints: Any, start: float, end: float) -> Array:
     """Return the times at which steps end: the breakpoints inside the span, then its end."""
     if breakpoints is None:
-        return np.array([stop])
-    times = check_times("breakpoints", breakpoints, "between the ends,", start, stop)
+        return np.array([end])
+    times = check_times("breakpoints", breakpoints, "between the ends,", start, end)
     check_finite("breakpoints", times)
-    return np.append(times[(times != start) & (times != stop)], stop)
+    return np.append(times[(times != start) & (times != end)], end)
 
 
-def check_times(name: str, value: Any, where: str, start: float, stop: float) -> Array:
+def check_times(name: str, value: Any, where: str, start: float, end: float) -> Array:
     """Return times after checking that they are sorted and lie between two times.
 
     Times that are beyond an end by a few roundings are moved to it.
@@ -46,12 +46,12 @@ def check_times(name: str, value: Any, where: str, start: float, stop: float) ->
     times = real_array(value, name)
     if times.ndim != 1:
         raise ValueError(f"{name} must have one axis, got shape {times.shape}")
-    low, high = min(start, stop), max(start, stop)
+    low, high = min(start, end), max(start, end)
     inside, outside = clipped(times, low, high)
     if outside is not None:
         first, last, got = texts_of(low, high, times[outside])
         raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
-    increases = math.copysign(1.0, stop - start) * (inside[1:] - inside[:-1]) > 0.0
+    increases = math.copysign(1.0, end - start) * (inside[1:] - inside[:-1]) > 0.0
     if not increases.all():
         index = int(np.argmin(increases))
         before, got = texts_of(*inside[index : index + 2])
@@ -80,7 +80,7 @@ def check_args(args: Any) -> tuple[Any, ...]:
 def check_resolution(h: float | None, t: float) -> None:
     """Raise ValueError if a fixed step doesn't change the time."""
     if h is not None and h < math.ulp(t):
-        raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
+        raise ValueError(f"h must change the time at t = {t!r}, got {h!r}")
 
 
 def check_rtol(rtol: Any) -> Array:
@@ -108,16 +108,14 @@ def check_tolerances(name: str, value: Any) -> Array:
 def equal_steps(h: float, ends: list[float]) -> int:
     """Return the number of steps of size h between times; ValueError if h is too small."""
     total = 0
-    for start, stop in pairwise(ends):
-        span = abs(stop - start)
+    for start, end in pairwise(ends):
+        span = abs(end - start)
         if span == 0.0:
             continue
-        resolution = math.ulp(max(abs(start), abs(stop)))
+        resolution = math.ulp(max(abs(start), abs(end)))
         if span / h > _MAX_STEPS or (span > h and h < resolution):
-            raise ValueError(
-                f"h is too small for t_span {(start, stop)!r}: its times coincide, got {h!r}"
-            )
-        total += core.equal_steps(start, stop, h)[0]
+            raise ValueError(f"h must lead to distinct times in t_span {(start, end)!r}, got {h!r}")
+        total += core.equal_steps(start, end, h)[0]
     return total
 
 
@@ -190,7 +188,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return initial and final time; ValueError unless they are finite, or the end is infinite."""
     try:
         if type(t_span) is tuple and _NUMBERS.issuperset(map(type, t_span)):
-            start, stop = map(float, t_span)
+            start, end = map(float, t_span)
         elif isinstance(t_span, Mapping):
             raise ValueError("not a sequence")
         else:
@@ -198,16 +196,16 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
             # NumPy would convert a bool among numbers
             if times.shape != (2,) or not {bool, np.bool_}.isdisjoint(map(type, t_span)):
                 raise ValueError("not two numbers")
-            start, stop = times.tolist()
+            start, end = times.tolist()
     except (ValueError, OverflowError) as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
-    if math.isfinite(stop - start):
-        return start, stop
-    if not math.isfinite(start) or math.isnan(stop):
+    if math.isfinite(end - start):
+        return start, end
+    if not math.isfinite(start) or math.isnan(end):
         raise ValueError(f"t_span must be two numbers, the first one finite, got {t_span!r}")
-    if not math.isinf(stop):
+    if not math.isinf(end):
         raise ValueError(f"t_span must have a finite length, got {t_span!r}")
-    return start, stop
+    return start, end
 
 
 def check_real_time(name: str, value: Any, *, infinite: bool = True) -> float:

@@ -192,16 +192,16 @@ def solve_members(
     options = complete_options(function, given_options)
     executor, workers, out = options["executor"], options["workers"], options["out"]
     # Derivatives are added to the whole problem, or, where each member has a problem of its own, to
-    # each part, by `part_options`: then the problem with derivatives of all only collects results.
-    part_options: Any = None
+    # each chunk, by `chunk_options`: then the problem with all derivatives collects results only.
+    chunk_options: Any = None
     whole = make_problem(f, t_span, y0, frame, options, ensemble=True)
     problem = add_derivatives(whole, options)
     if whole.one_by_one and problem is not whole:
         problem = changed(problem, inertia=None)
-        # covariances are computed from the collected derivatives, and not by the parts
+        # covariances are computed from the collected derivatives, and not by the chunks
         names = "derivatives", "jac", *DERIVATIVE_OPTIONS
-        part_options = {name: value for name, value in options.items() if name in names}
-        part_options["P0"] = None
+        chunk_options = {name: value for name, value in options.items() if name in names}
+        chunk_options["P0"] = None
     else:
         whole = problem
     members = len(problem.points)
@@ -214,14 +214,14 @@ def solve_members(
     collector = Collector(problem, out)
     watch = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(whole, part_options, *check_executor(executor, workers), collector, watch)
+        _distribute(whole, chunk_options, *check_executor(executor, workers), collector, watch)
     else:
         size = members if problem.common_steps else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
-                part = add_derivatives(whole.part(chunk), part_options)
-                collector.add(chunk, integrate_members(part, watch))
+                own = add_derivatives(whole.of_members(chunk), chunk_options)
+                collector.add(chunk, integrate_members(own, watch))
                 watch.count_finished(chunk.stop - first)
     watch.finish()
     solution = collector.solution()
@@ -232,7 +232,7 @@ def solve_members(
     return solution
 
 
-def _integrate_part(options: Any, item: tuple[slice, Problem]) -> MemberResults:
+def _integrate_chunk(options: Any, item: tuple[slice, Problem]) -> MemberResults:
     """Integrate members in a worker."""
     return integrate_members(add_derivatives(item[1], options), None)
 
@@ -246,8 +246,8 @@ def _distribute(
     chunk_count *= _BATCHES_PER_WORKER if problem.vectorized else _CHUNKS_PER_WORKER
     size = 1 if problem.one_by_one else max(1, min(_MEMBERS_PER_RUN, -(-members // chunk_count)))
     chunks = (slice(first, min(first + size, members)) for first in range(0, members, size))
-    items = ((chunk, problem.part(chunk)) for chunk in chunks)
-    work = partial(_integrate_part, options)
+    items = ((chunk, problem.of_members(chunk)) for chunk in chunks)
+    work = partial(_integrate_chunk, options)
     with closing(completed(work, items, executor, workers)) as finished:
         for (chunk, _), results in finished:
             collector.add(chunk, results)

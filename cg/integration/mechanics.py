@@ -29,7 +29,7 @@ from cg.tables import Kind, MethodTable
 _MAX_SAMPLE, _MIN_SAMPLE = 32, 4  # number of points at which forces are compared
 _CALLS_PER_CHECK = 40  # evaluations of f by an integration for each evaluation by a comparison
 _FORCES_ROUNDING = 1e-12  # relative difference of forces that should be equal
-_PART_OF_STEP = 0.37  # later by this part of h, also a function with the period h has changed
+_FRACTION_OF_STEP = 0.37  # later by this much of h, also a function with period h has changed
 _SIZES_ROUNDING = 1e-10  # relative difference of sizes of steps that should be equal
 
 
@@ -52,12 +52,12 @@ def refuse_friction(
     k, members = k[reached], members[reached]
     t, y = np.asarray(times)[k], points[k, members]
     try:
-        forces, others = (_forces(rhs, t, members, x) for x in (y, _shifted(plan.frame, y)))
+        forces, shifted_forces = (_forces(rhs, t, members, x) for x in (y, _shifted(plan.frame, y)))
     except Exception:
         return
     scale = np.abs(forces).max(axis=-1, keepdims=True, initial=0.0)
-    differ = ~(np.abs(forces - others) <= _FORCES_ROUNDING * scale)
-    differ &= ~(np.isnan(forces) & np.isnan(others))
+    differ = ~(np.abs(forces - shifted_forces) <= _FORCES_ROUNDING * scale)
+    differ &= ~(np.isnan(forces) & np.isnan(shifted_forces))
     if differ.any():
         i = int(np.flatnonzero(differ.any(axis=-1))[0])
         first = rhs.extra.first_member
@@ -104,9 +104,9 @@ def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) ->
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
 
 
-def check_heated_span(bath: Any, start: float, stop: float) -> None:
+def check_heated_span(bath: Any, start: float, end: float) -> None:
     """Raise ValueError if time runs backward with a heat bath."""
-    if bath is not None and stop < start:
+    if bath is not None and end < start:
         raise ValueError(
             "thermostat must be None backward in time, where friction would drive momenta, got "
             f"{bath!r}"
@@ -130,7 +130,7 @@ class MemberInertia(NamedTuple):
     # whether each member is integrated alone on its own frame, as joints and derivatives need
     one_by_one: bool
 
-    def part(self, members: slice) -> MemberInertia:
+    def of_members(self, members: slice) -> MemberInertia:
         """Return the bodies of some members."""
         rows = self.signed_columns[members].copy(), self.constants[members].copy()
         return MemberInertia(*rows, self.entries[members], self.one_by_one)
@@ -178,7 +178,7 @@ def read_member_inertia(
 
 
 def step_function_of(
-    options: EnsembleOptions, plan: Plan, rhs: Rhs, t: float, stop: float, y: Points
+    options: EnsembleOptions, plan: Plan, rhs: Rhs, t: float, end: float, y: Points
 ) -> Observer | None:
     """Return the function of step sizes after checking it, None without one."""
     function = options["step_function"]
@@ -208,7 +208,7 @@ def step_function_of(
     h = options["h"]
     assert isinstance(plan.frame, PhaseSpace)
     assert h is not None
-    later = t + float(np.clip(stop - t, -1.0, 1.0)) * _PART_OF_STEP * h
+    later = t + float(np.clip(end - t, -1.0, 1.0)) * _FRACTION_OF_STEP * h
     _check_reversible(size_at, plan.frame, t, later, y)
     return observer
 

@@ -16,9 +16,9 @@ from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
 from cg.support.checks import total_memory
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import LoopStatus
 
-_TERMINAL = int(Stop.TERMINAL_EVENT)
+_TERMINAL = int(LoopStatus.TERMINAL_EVENT)
 
 
 def add_derivatives(problem: Problem, options: Options | None) -> Problem:
@@ -36,7 +36,7 @@ def check_output_size(problem: Problem) -> None:
     plan, h = problem.plan, problem.control.h
     if h is None or problem.step_function is not None:
         return
-    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    steps = equal_steps(h, [problem.t0, *problem.segment_ends.tolist()])
     total, needed = steps * len(problem.points), 0
     if problem.every and problem.keeps_points:
         needed = (total // problem.every + 2) * (8 * plan.width + 8)
@@ -44,7 +44,7 @@ def check_output_size(problem: Problem) -> None:
         needed += total * 8 * (2 * plan.width + plan.interpolant_vectors * plan.dim + 5)
     if needed > total_memory():
         raise ValueError(
-            f"h is too small for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
+            f"h must be larger for t_span: {total} steps need {needed / 2**30:.3g} GiB of memory, "
             f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
         )
 
@@ -64,7 +64,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1
-    for member in [k for k, stop in enumerate(run.status.tolist()) if stop == _TERMINAL]:
+    for member in np.flatnonzero(run.status == _TERMINAL).tolist():
         messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
         times, y, observed = run.steps()

@@ -83,19 +83,19 @@ class Problem:
     rhs: Rhs
     linear: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
-    events: Any  # an `EventTable`, or `VariationalEvents` of points with derivatives, or None
+    events: EventTable | None
     # members
     points: Points  # initial points, shape (members, *point_shape)
     ensemble: bool  # whether it has members, even one
     common_steps: bool  # whether all members take the same steps
     first_member: int = 0  # number of the first of these members in the ensemble
     inertia: MemberInertia | None = None  # None if all members have the inertia of the frame
-    # inputs of each member, if each has its own sample times; their corners are added by `part`
+    # inputs of each member, if each has its own sample times; `of_members` adds their corners
     member_inputs: tuple[Inputs, ...] = ()
     # times and steps
     t0: float
     direction: float  # 1.0 forward in time, -1.0 backward, also where the span is empty
-    stops: Array  # breakpoints, then the final time
+    segment_ends: Array  # breakpoints, then the final time
     limits: Array  # rows (t, limit): steps from t to the next row are at most limit long
     control: Control
     stage_solver: str
@@ -129,21 +129,22 @@ class Problem:
     @property
     def t1(self) -> float:
         """Final time."""
-        return float(self.stops[-1])
+        return float(self.segment_ends[-1])
 
-    def part(self, members: slice) -> Problem:
+    def of_members(self, members: slice) -> Problem:
         """Return the problem of some members."""
         if members == slice(0, len(self.points)) and not self.one_by_one:
             return self
         first, plan, events, extra = members.start, self.plan, self.events, self.rhs.extra
-        stops, limits, inputs, parameters = self.stops, self.limits, extra.inputs, extra.parameters
-        inertia = self.inertia and self.inertia.part(members)
+        ends, limits = self.segment_ends, self.limits
+        inputs, parameters = extra.inputs, extra.parameters
+        inertia = self.inertia and self.inertia.of_members(members)
         if self.member_inputs:
             inputs = self.member_inputs[first]
             tolerance = self.control.tolerance
-            stops, limits = inputs.add_stops(stops, self.t0, tolerance), inputs.limits(tolerance)
+            ends, limits = inputs.add_corners(ends, self.t0, tolerance), inputs.limits(tolerance)
         elif inputs is not None:
-            inputs = inputs.part(members)
+            inputs = inputs.of_members(members)
         parameters = None if parameters is None else parameters[members]
         extra = extra._replace(parameters=parameters, inputs=inputs, first_member=first)
         rhs = self.rhs.with_data(extra)
@@ -152,15 +153,15 @@ class Problem:
             rhs, events = rhs.on_form(plan.form), events and events.on_frame(plan.frame)
         return changed(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events,
-            first_member=first, inertia=inertia, stops=stops, limits=limits, member_inputs=(),
-            finish=None,
+            first_member=first, inertia=inertia, segment_ends=ends, limits=limits,
+            member_inputs=(), finish=None,
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return the arguments of a member's functions after time and point."""
         if not self.member_inputs:
             return self.rhs.extra.arguments(member)
-        return self.part(slice(member, member + 1)).rhs.extra.arguments(0)
+        return self.of_members(slice(member, member + 1)).rhs.extra.arguments(0)
 
 
 def _make_rhs(
@@ -269,14 +270,14 @@ def _warn(table: MethodTable, pair: bool) -> None:
 
 
 def _check_rhs(
-    plan: Plan, rhs: Rhs, linear: bool, start: float, stop: float, points: Points
+    plan: Plan, rhs: Rhs, linear: bool, start: float, end: float, points: Points
 ) -> None:
     """Raise ValueError if forces are friction, or f of a ``linear`` equation reads its point.
 
     ``points`` are the initial points, at which forces at the final time are compared too.
     """
     if plan.table.kind is Kind.SPLITTING:
-        for time in {start, stop}:  # a friction may vanish at the start
+        for time in {start, end}:  # a friction may vanish at the start
             if math.isfinite(time):
                 refuse_friction(plan, rhs, [time], points[None])
     if not linear or isinstance(rhs, PythonRhs):
@@ -444,38 +445,38 @@ def _read_jointed_members(
 
 
 def _read_inputs(
-    plan: Plan, options: EnsembleOptions, start: float, stop: float, members: int | None
+    plan: Plan, options: EnsembleOptions, start: float, end: float, members: int | None
 ) -> tuple[Inputs | None, tuple[Inputs, ...]]:
     """Return the inputs, and the inputs of each member where members have their own times."""
     inputs: Any = options["inputs"]
-    name = "the initial time" if start == stop else "t_span"
+    name = "the initial time" if start == end else "t_span"
     if members is None or not isinstance(inputs, list):
-        return check_inputs(inputs, start, stop, members, plan.table, name), ()
+        return check_inputs(inputs, start, end, members, plan.table, name), ()
     if options["common_steps"]:
         raise ValueError("common_steps must be False with a list of inputs, of each member")
-    member_inputs = check_member_inputs(inputs, start, stop, members, plan.table, name)
+    member_inputs = check_member_inputs(inputs, start, end, members, plan.table, name)
     return member_inputs[0], member_inputs
 
 
 def _read_times(
-    plan: Plan, options: EnsembleOptions, start: float, stop: float, ensemble: bool
+    plan: Plan, options: EnsembleOptions, start: float, end: float, ensemble: bool
 ) -> tuple[Array, Array | None]:
     """Return the breakpoints with the final time, and the output times, None for ends of steps."""
-    stops = arguments.check_stops(options["breakpoints"], start, stop)
-    if len(stops) > 1:
+    segment_ends = arguments.check_breakpoints(options["breakpoints"], start, end)
+    if len(segment_ends) > 1:
         check_abscissae(plan.table, "breakpoints")
     if options["t_eval"] is not None:
-        t_eval = arguments.check_times("t_eval", options["t_eval"], "within t_span,", start, stop)
+        t_eval = arguments.check_times("t_eval", options["t_eval"], "within t_span,", start, end)
         if options["thermostat"] is not None:  # points between steps would have no noise
-            stops = np.union1d(stops, t_eval[t_eval != start])
-        return stops, t_eval
+            segment_ends = np.union1d(segment_ends, t_eval[t_eval != start])
+        return segment_ends, t_eval
     if not ensemble:
-        return stops, None
-    return stops, np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
+        return segment_ends, None
+    return segment_ends, np.array([start, end][: 1 + (start != end and math.isfinite(end))])
 
 
 def _read_events(
-    options: EnsembleOptions, frame: Frame, rhs: Rhs, start: float, stop: float
+    options: EnsembleOptions, frame: Frame, rhs: Rhs, start: float, end: float
 ) -> EventTable | None:
     """Return the events after checking that they fit the span and the steps."""
     events = None
@@ -486,9 +487,9 @@ def _read_events(
         )  # fmt: skip
         if options["common_steps"] and events.rows["jumps"].any():
             raise ValueError("events must have no jumps with common_steps, which all members share")
-    if math.isinf(stop) and not (events and events.has_terminal):
+    if math.isinf(end) and not (events and events.has_terminal):
         raise ValueError(
-            f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
+            f"events must hold a terminal one if t_span has no end, {(start, end)!r}, got "
             f"{short(options['events'])}"
         )
     return events
@@ -527,33 +528,33 @@ def make_problem(
     plan, rtol = _make_plan(frame, options)
     frame = plan.frame
     points, parameters, inertia = _read_members(plan, options, y0, ensemble)
-    start, stop = arguments.check_span(t_span)
-    bound = stop if bound is None else bound
+    start, end = arguments.check_span(t_span)
+    bound = end if bound is None else bound
     if options["thermostat"] is not None:
         check_heated_span(options["thermostat"], start, bound)
         check_thermostat(options["thermostat"], plan.table, options)
     members = len(points) if ensemble else None
-    inputs, member_inputs = _read_inputs(plan, options, start, stop, members)
+    inputs, member_inputs = _read_inputs(plan, options, start, end, members)
     rhs = _make_rhs(f, plan, options, parameters, inputs, ensemble)
     if ensemble:
         _check_picklable(f, plan.user_frame, rhs, options)
-    _check_rhs(plan, rhs, options["linear"], start, stop, points)
+    _check_rhs(plan, rhs, options["linear"], start, end, points)
     jacobian = None
     if options["jac"] is not None and options["derivatives"] is None:
         jacobian = jacobian_of(options["jac"], frame, plan.table, rhs, start, points[0])
-    stops, t_eval = _read_times(plan, options, start, stop, ensemble)
+    segment_ends, t_eval = _read_times(plan, options, start, end, ensemble)
     in_coordinates = plan.in_coordinates(points[0])
-    control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
+    control = _make_control(plan, in_coordinates, rtol, options, abs(end - start))
     limits = np.empty((0, 2))
     if inputs is not None and not member_inputs:
-        stops = inputs.add_stops(stops, start, control.tolerance)
+        segment_ends = inputs.add_corners(segment_ends, start, control.tolerance)
         limits = inputs.limits(control.tolerance)
-    events = _read_events(options, frame, rhs, start, stop)
+    events = _read_events(options, frame, rhs, start, end)
     step_function = step_function_of(options, plan, rhs, start, bound, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     fields = {
         "plan": plan, "in_coordinates": in_coordinates, "rhs": rhs, "points": points,
-        "t0": start, "direction": -1.0 if bound < start else 1.0, "stops": stops,
+        "t0": start, "direction": -1.0 if bound < start else 1.0, "segment_ends": segment_ends,
         "limits": limits, "control": control, "events": events,
         "t_eval": t_eval, "every": every if t_eval is None else 0,
         "dense_output": options["dense_output"], "stage_solver": options["stage_solver"],

@@ -1,7 +1,7 @@
 """Integration step by step, with the interface of SciPy's OdeSolver.
 
-A `Stepper` keeps one run open in compiled code. The run has segments, which end at ``_stops``, the
-times of breakpoints and of corners of inputs, and at the time up to which the stepper goes on. The
+A `Stepper` keeps one run open in compiled code. The run has segments, which end at breakpoints and
+at corners of inputs, the ``_segment_ends``, and at the time up to which the stepper goes on. The
 run holds points, the last step and the events. A copy of a stepper opens another run of the same
 problem, and writes the saved state of the first run into it.
 """
@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.base import Frame
 from cg.integration.arguments import (
     check_args,
+    check_breakpoints,
     check_real_time,
     check_resolution,
-    check_stops,
     is_ensemble,
     read_starts,
 )
@@ -39,13 +39,13 @@ from cg.integration.run.run import Run
 from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
 from cg.support.checks import NO_LIMIT, check_real, short, warn_user
 from cg.support.frozen import changed
-from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, Stop
+from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, LoopStatus
 from cg.support.shared_records import COUNTERS, COUNTS
 from cg.tables import source_method
 
 _FAR = 2.0**40  # number of fixed steps to the end of segments without a final time
 _STEP_COUNTER = list(COUNTERS).index("steps")
-_TERMINAL = int(Stop.TERMINAL_EVENT)  # an int, which is faster
+_TERMINAL = int(LoopStatus.TERMINAL_EVENT)  # an int, which is faster
 _NONE_STOPPED = np.zeros(1, dtype=np.bool_)
 
 
@@ -154,14 +154,15 @@ class Stepper:
         if parameters is not None:
             check_finite("parameters", parameters if ensemble else parameters[0])
         self.f, self.frame, self.table = f, problem.plan.frame, problem.plan.table
+        self.n = self.frame.dim
         self._first_step = None if first is None else check_real("first_step", first, positive=True)
-        self._breakpoints = check_stops(breakpoints, start, bound)[:-1]
+        self._breakpoints = check_breakpoints(breakpoints, start, bound)[:-1]
         if len(self._breakpoints):
             check_abscissae(self.table, "breakpoints")
         self._ensemble = ensemble
         control = problem.control._replace(first_step=self._first_step, max_steps=NO_LIMIT)
         self._problem = changed(problem, control=control, t_eval=None, every=0)
-        self._find_stops(problem.rhs.extra.inputs, start)
+        self._find_segments(problem.rhs.extra.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._calls = 0
         self._cut_output: DenseOutput | None = None  # within a step that an event ended
@@ -206,6 +207,11 @@ class Stepper:
         stopped: NDArray[np.bool_] = self._run.status == _TERMINAL
         return stopped if self._ensemble else _NONE_STOPPED
 
+    @property
+    def stopped(self) -> NDArray[np.bool_] | None:
+        """Whether a terminal event has ended each member; None for a single point."""
+        return self._stopped if self._ensemble else None
+
     def _events(self, select: Any) -> list[Any] | None:
         """Return ``select(t, y)`` of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
@@ -231,8 +237,6 @@ class Stepper:
         return int(self._run.counts[:, COUNTS.index(name)].sum())
 
     method = property(lambda self: source_method(self.table), doc="The method, a `cg.Method`.")
-    n = property(lambda self: self.frame.dim, doc="Number of coefficients.")
-    stopped = property(lambda self: self._stopped if self._ensemble else None, doc="Ended members.")
     nfev = property(lambda self: self._count("nfev"), doc="Evaluations of the coefficients.")
     nexp = property(lambda self: self._count("nexp"), doc="Flows.")
     njev = property(lambda self: self._count("njev"), doc="Jacobians of stage equations.")
@@ -245,7 +249,7 @@ class Stepper:
         Parameters
         ----------
         limit
-            Time that the step doesn't go beyond, as ``t`` of `advance`; by default ``t_bound``.
+            Time beyond ``.t`` that the step doesn't pass; by default ``t_bound``.
 
         Returns
         -------
@@ -254,6 +258,8 @@ class Stepper:
 
         Raises
         ------
+        ValueError
+            If ``limit`` isn't beyond ``.t``, or is beyond ``t_bound``.
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
@@ -262,14 +268,14 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
-        target = self._end
-        if limit is not None:
-            target = self._check_time(limit, "limit", self.t)
-        elif self.t == target:
+        target = self._end if limit is None else self._check_time(limit, "limit", self.t)
+        if target == self.t and limit is not None:
+            raise ValueError(f"limit must lie beyond t = {self.t:.17g}, got {limit!r}")
+        if target == self.t:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        return None if target == self.t else self._drive(self._take_step, target)
+        return self._drive(self._take_step, target)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -279,7 +285,7 @@ class Stepper:
         Parameters
         ----------
         t
-            Time, not before ``.t`` and not beyond ``t_bound``.
+            Time from ``.t``, for which no step is taken, to ``t_bound``.
 
         Returns
         -------
@@ -355,7 +361,7 @@ class Stepper:
         self._replace_data(time, rows, args, parameters, inputs)
         self._cut_output = None
         if t is not None or inputs is not None:
-            self._find_stops(run.rhs.extra.inputs, time)
+            self._find_segments(run.rhs.extra.inputs, time)
         goes_on = t is not None or y is not None
         self._begin(time, rows, size, np.zeros_like(self._stopped) if goes_on else self._stopped)
         self.status = "running" if self.t != self.t_bound else "finished"
@@ -403,7 +409,7 @@ class Stepper:
                 self._problem = changed(self._problem, limits=limits)
                 run.share_limits(limits)
 
-    def _find_stops(self, inputs: Inputs | None, t: float) -> None:
+    def _find_segments(self, inputs: Inputs | None, t: float) -> None:
         """Set the ends of segments from a time on, and the last time of a step without a limit.
 
         It is `t_bound`, or far away for equal steps without one, or the end of inputs before it.
@@ -411,13 +417,13 @@ class Stepper:
         control, sign, end = self._problem.control, self.direction, self.t_bound
         if control.h is not None and math.isinf(end):
             end = t + sign * _FAR * control.h
-        stops = np.append(self._breakpoints, end)
+        ends = np.append(self._breakpoints, end)
         if inputs is not None:
-            start, stop = inputs.span
-            end = sign * min(sign * end, max(sign * t, sign * (stop if sign > 0.0 else start)))
-            stops = np.append(stops[sign * stops < sign * end], end)
-            stops = inputs.add_stops(stops, t, control.tolerance)
-        self._stops, self._end = stops[:-1], end
+            first, last = inputs.span
+            end = sign * min(sign * end, max(sign * t, sign * (last if sign > 0.0 else first)))
+            ends = np.append(ends[sign * ends < sign * end], end)
+            ends = inputs.add_corners(ends, t, control.tolerance)
+        self._segment_ends, self._end = ends[:-1], end
 
     def _go_on(self, target: float) -> None:
         """Let all trajectories continue up to a time, by the ends of segments before it.
@@ -425,15 +431,15 @@ class Stepper:
         An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step. One at
         the target is repeated, so that the step up to it ends before it.
         """
-        run, stops, sign = self._run, self._stops, self.direction
+        run, inner, sign = self._run, self._segment_ends, self.direction
         if (inputs := run.rhs.extra.inputs) is not None:
             inputs.check_span(self.t, target, "t")
         check_resolution(run.control.h, target)
         ends = np.array([target])
-        if len(stops):
-            # the stop before is an end too: a step that starts there sees f after it
-            stops = stops[max(int((sign * (stops - self.t) < 0.0).sum()) - 1, 0) :]
-            ends = np.append(stops[sign * (stops - target) <= 0.0], target)
+        if len(inner):
+            # the end before is kept: a step that starts there sees f after it
+            inner = inner[max(int((sign * (inner - self.t) < 0.0).sum()) - 1, 0) :]
+            ends = np.append(inner[sign * (inner - target) <= 0.0], target)
         run.resume(ends)
         self._target = target
 
@@ -513,10 +519,10 @@ class Stepper:
     def _interpolate(self) -> DenseOutput:
         """Return the solution within the last step."""
         run = self._run
-        # f is evaluated before a stop at the end of the step
-        at_stop, self._target = bool((self._stops == self.t).any()), None
+        # f is evaluated before the end of a segment at the end of the step
+        at_segment_end, self._target = bool((self._segment_ends == self.t).any()), None
         beyond = self.t + self.direction
-        run.resume(np.array([self.t, beyond] if at_stop else [beyond]))
+        run.resume(np.array([self.t, beyond] if at_segment_end else [beyond]))
         interpolants = run.last_interpolants()
         if run.record.failed:
             failure = next(iter(failures_of(run, raising=True).values()))

@@ -1,16 +1,8 @@
 """The choice of steps of `cg.solve_ivp`, for diffrax, from error estimates at the ends of steps.
 
-An estimate e is the difference of two results, or a weighted sum of the coefficients at stages. A
-method has one estimate, or two, of orders that differ: e1, and e2 of lower order. With their norms
-they are made one error,
-
-    e1 (|e1| / hypot(|e1|, factor |e2|))^power,
-
-with the factor 1/10 and the power 1 as in DOP853, or with others that `table.record` has. With
-`kink_weights` the larger one of e1 and the estimate of kinks takes the place of e1. Methods whose
-estimates see quadrature and commutators apart have e1 and e2 for each of these two parts: the
-larger error counts, of Magnus methods the sum. The norms are those of `controller` where both of
-its tolerances are 1. ``fortran/steps/error_estimate.f90`` computes the same, but at large angles.
+They are made of differences of results and of sums of stages in the ways of `EstimateForm`, with
+norms where both tolerances of `controller` are 1. ``fortran/steps/error_estimate.f90`` computes the
+same, but at large angles.
 """
 
 from __future__ import annotations
@@ -315,9 +307,9 @@ def error_estimate(
         return Estimate(rules.field(v, y1), rules.measured(v, y1))
 
     if rules.log is None:
-        differences = [Estimate(y1 - result, y1 - result) for result in fixed(stages.others)]
+        differences = [Estimate(y1 - result, y1 - result) for result in fixed(stages.other_results)]
     else:
-        differences = [of_vector(rules.log(result, y1)) for result in fixed(stages.others)]
+        differences = [of_vector(rules.log(result, y1)) for result in fixed(stages.other_results)]
     sums = [of_vector(v) for v in h * fixed(stages.errors)]
     if not differences and not sums:
         return None
@@ -429,10 +421,7 @@ def _error_of_parts(table: MethodTable, parts: list[Part]) -> JaxArray:
 
 
 def _quotient(table: MethodTable, e1: Estimate, *others: Estimate) -> Estimate:
-    """Return the error made of e1, kinks if there are any, and e2, and the square of its norm.
-
-    It is DOP853's, with the power 1: e1 |e1| / hypot(|e1|, factor |e2|).
-    """
+    """Return a quotient of power 1 of e1, kinks if there are any, and e2, and its squared norm."""
     if not others:
         return e1
     (error, square), *kinks, (_, square2) = e1, *others
@@ -445,10 +434,7 @@ def _quotient(table: MethodTable, e1: Estimate, *others: Estimate) -> Estimate:
 
 
 def _error_at_end(table: MethodTable, e1: Estimate, e2: Estimate, *e3: Estimate) -> JaxArray:
-    """Return the larger of e1 and of the error at the end of the step, see `end_weights`.
-
-    The error at the end is factor times e2, or the quotient of e2 and e3 if there is an e3.
-    """
+    """Return the error in the form `AT_END`, of a difference e1 and one or two sums."""
     factor, (at_end, end) = table.record.factor, e2
     for _, square in e3:
         share = end / jnp.maximum(end + square, jnp.finfo(end.dtype).tiny)

@@ -37,17 +37,17 @@ from cg.jax.rules import (
     JaxArray,
     Map,
     Rules,
+    act,
     adjoint,
     bilinear,
     column_error,
     cross,
     dot,
-    held,
     length_error,
     linear,
     same,
-    turned,
     unit_step,
+    with_identity_derivative,
     zero,
 )
 from cg.support.shared_numbers import COMMUTE
@@ -204,9 +204,9 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     generators = frame.field(np.eye(3)[:, None], np.eye(4)).mT
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        # `turned` rounds alike in steps that an adjoint repeats, unlike the scalars of `sines`.
+        # `act` rounds alike in steps that an adjoint repeats, unlike the scalars of `sines`.
         x2 = 0.25 * (v @ v)
-        return stumpff(0, x2) * y + stumpff(1, x2) * turned(v, generators, y)
+        return stumpff(0, x2) * y + stumpff(1, x2) * act(v, generators, y)
 
     def sines(y: JaxArray, end: JaxArray) -> JaxArray:
         return jnp.stack(bilinear(2.0 * generators, list(end), list(y)))
@@ -220,7 +220,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     dexpinv = motion_dexpinv(frame._rotation_sign)
     return Rules(
         frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error,
-        closed_field=lambda v, y: turned(v, generators, y),
+        closed_field=lambda v, y: act(v, generators, y),
     )  # fmt: skip
 
 
@@ -286,7 +286,7 @@ def _general(frame: MatrixGroup) -> Group:
     elif isinstance(frame, U):
         restore, distance = newton_schulz, column_error
     elif isinstance(frame, SL | Sp):
-        restore = held(
+        restore = with_identity_derivative(
             _with_determinant_one
             if isinstance(frame, SL)
             else lambda y: y + symplectic_correction(y, jnp.asarray(frame._form, y.dtype), jnp)

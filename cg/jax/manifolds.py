@@ -20,12 +20,12 @@ from cg.jax.rules import (
     Rules,
     adjoint,
     column_error,
-    held,
     length_error,
     linear,
     real_dtype,
     same,
     unit_step,
+    with_identity_derivative,
 )
 
 _SERIES_TERMS = 18  # terms of (exp(a) - 1) / a for |a| < 1; the next one is below rounding
@@ -101,7 +101,8 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), eye, flows)
         return group.log1p(product - eye)
 
-    near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
+    orbit = isinstance(frame, frames.IsospectralOrbit)
+    near = with_identity_derivative(restore) if orbit else restore
     return Rules(
         frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False,
         start=geodesic if spd else None, composed=composed if spd else None,

@@ -130,7 +130,7 @@ def read_point(frame: Frame, y: Any, name: str = "y") -> JaxArray:
     return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)
 
 
-def held(restore: Map) -> Map:
+def with_identity_derivative(restore: Map) -> Map:
     """Return a function with the derivative of the identity, that of `restore` along a manifold.
 
     Derivatives of the decompositions in it don't exist where eigenvalues are equal.
@@ -145,8 +145,8 @@ def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
 
 
-def turned(v: JaxArray, basis: Array, y: JaxArray) -> JaxArray:
-    """Return the combination of real matrices times a vector.
+def act(v: JaxArray, basis: Array, y: JaxArray) -> JaxArray:
+    """Return the combination of real matrices times a vector, its field on vectors.
 
     The products with the vector come first, since stages of a step share them. `XLA` makes sums
     part of other kernels, unlike products of small matrices.

@@ -51,7 +51,7 @@ class Stages:
 
     values: JaxArray  # (stages, dim) coefficients, on the algebra derivatives of coordinates
     result: JaxArray  # the point at the end of the step
-    others: list[JaxArray]  # second and third results, with which the result is compared
+    other_results: list[JaxArray]  # second and third results, with which the result is compared
     errors: JaxArray  # (sums, dim) weighted sums of values: error estimates divided by the step
     at_end: JaxArray | None  # coefficients at the result, None if no stage is there
     vectors: JaxArray  # values, then brackets of a Magnus method or values at nodes of output
@@ -150,8 +150,8 @@ def _take_stages_by_flows(table: MethodTable, start: Start, unroll: bool, with_e
         at_end = vectors[len(table.c) - 1] if table.c[-1] == 1.0 else None
     errors = jnp.asarray(table.errors, h.dtype) @ vectors
     results = (record.result, record.embedded, record.third)
-    y1, *others = (rules.restore(points[flows.ends[k]]) for k in results if k)
-    return Stages(vectors[: len(table.c)], y1, others, errors, at_end, vectors)
+    y1, *other_results = (rules.restore(points[flows.ends[k]]) for k in results if k)
+    return Stages(vectors[: len(table.c)], y1, other_results, errors, at_end, vectors)
 
 
 def _vectors_of_time(table: MethodTable, start: Start) -> JaxArray:

@@ -178,12 +178,12 @@ def _path(solution: Any) -> tuple[Any, Any, Any]:
         within = np.interp(np.arange(4 * len(ts) - 3) / 4, range(len(ts)), ts)
         times = np.append(within, np.linspace(ts[0], ts[-1], style.POINTS))
         points = solution.sol(times)
-    parts = [(2 * len(rows), times, points)]
+    series = [(2 * len(rows), times, points)]
     for i, jumped in enumerate(_jumped(solution)):
         for k, sides in enumerate((solution.y_events, solution.y_after)):
-            parts += [(2 * i + k, rows[i][jumped], sides[i][jumped])]
-    rank = np.concatenate([np.full(len(part[1]), part[0]) for part in parts])
-    times, points = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+            series += [(2 * i + k, rows[i][jumped], sides[i][jumped])]
+    rank = np.concatenate([np.full(len(row[1]), row[0]) for row in series])
+    times, points = (np.concatenate([row[k] for row in series]) for k in (1, 2))
     backward = any((np.diff(row) < 0.0).any() for row in (solution.t, *rows))
     order = np.lexsort((rank, -times if backward else times))
     return times[order], points[order], np.flatnonzero(rank[order] % 2)

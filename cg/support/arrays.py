@@ -66,8 +66,8 @@ def is_qobj(value: Any) -> bool:
 
 def conversion_hint(value: Any, error: BaseException | None) -> str:
     """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
-    for part in value if isinstance(value, list | tuple) else [value]:
-        if type(part).__name__ == "Qobj":
+    for item in value if isinstance(value, list | tuple) else [value]:
+        if type(item).__name__ == "Qobj":
             return "; the numbers of a Qobj are those of its full()"
     while error is not None:
         if type(error).__module__.partition(".")[0] == "jax":

@@ -14,7 +14,7 @@ else:  # run by the build, beside shared_records.py
     from shared_records import RECORDS, STATE, record_type  # type: ignore[import-not-found,no-redef]
 
 
-class Stop(IntEnum):
+class LoopStatus(IntEnum):
     """Why the compiled loop over steps returned."""
 
     FINISHED = 0
@@ -64,17 +64,24 @@ class StepKind(IntEnum):
 
 
 class EstimateForm(IntEnum):
-    """What the error estimate of a method is made of; each part has estimates e1 and e2.
+    """What the error estimate of a method is made of.
 
-    ``fortran/steps/error_estimate.f90`` has the formulas. Two parts are that of the quadratures and
-    that of the commutators.
+    Let d1 and d2 be the differences of the result from the second and the third one, s_k the sums
+    h Σ_i error_ki f_i, c_k the same sums of values of ``f`` before dexp⁻¹, all as tangents at the
+    end of the step, and |.| their norms in tolerances. A quotient of two of them is
+
+        Q(e1, e2) = |e1| (|e1| / hypot(|e1|, factor |e2|))^power, and Q(e1) = |e1|.
+
+    DOP853 has the factor 1/10 and the power 1. With `kink_weights` the larger one of s1 and the sum
+    after it takes the place of s1. Two quotients are those of the quadratures, where values of f
+    commute, and of the commutators: the larger one counts, for Magnus methods their sum.
     """
 
-    WHOLE = 0  # one part, of the difference of two results or of sums of stages
-    AT_END = 1  # e1 is a difference of results, e2 a sum that sees the end of the step
-    PARTS_OF_RESULTS = 2  # sums of stages, and the differences of results without these
-    PARTS_OF_SUMS = 3  # sums of stages and sums of brackets, which alternate
-    PARTS_OF_SERIES = 4  # sums of the values of f, and what dexp⁻¹ adds to these
+    WHOLE = 0  # Q(d1) or Q(s1, s2)
+    AT_END = 1  # the larger one of |d1| and factor |s1|, or factor |s1|² / hypot(|s1|, |s2|)
+    PARTS_OF_RESULTS = 2  # Q(s1, s2) and Q(d1 - s1, d2 - s2)
+    PARTS_OF_SUMS = 3  # Q(s1, s3) of stages and Q(s2, s4) of brackets
+    PARTS_OF_SERIES = 4  # Q(c1, c2) and Q(s1 - c1, s2 - c2)
 
 
 class BlockKind(IntEnum):
@@ -305,7 +312,7 @@ COMMUTE = 1024.0  # a bracket of less rounding errors of its factors counts as z
 MAX_LENGTH_RATIO = 1000.0
 
 _SUFFIXES = {
-    Stop: "",
+    LoopStatus: "",
     RhsFlag: "",
     StepKind: "_kind",
     EstimateForm: "_estimate",

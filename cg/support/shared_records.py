@@ -135,7 +135,7 @@ METHOD = {
 """A method as paths of flows."""
 
 COUNTERS = {
-    "status": "integer",  # a `Stop`
+    "status": "integer",  # a `LoopStatus`
     "detail": "integer",  # what a compiled function returned, or what a failure was due to
     "nfev": "integer",
     "nexp": "integer",  # flows

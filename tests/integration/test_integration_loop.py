@@ -45,14 +45,14 @@ def test_largest_tolerated_rounding():
 
 def test_times_that_coincide():
     for span in ((1e15, 1e15 + 1), (-1e15, 1 - 1e15), (1 - 1e15, -1e15)):
-        with pytest.raises(ValueError, match=r"h is too small for t_span .*: its times coincide"):
+        with pytest.raises(ValueError, match=r"h must lead to distinct times in t_span"):
             make_grid(span, 1e-5)
         assert make_grid(span, 0.5).steps == 2
         assert make_grid(span, 2.0).steps == 1
-    refuses(ValueError, "its times coincide, got 1e-300", make_grid, (0.0, 1.0), 1e-300)
+    refuses(ValueError, "distinct times .* got 1e-300", make_grid, (0.0, 1.0), 1e-300)
     below = 1.0 - 2.0**-53  # the number before 1, nearer to it than the one after
     assert make_grid((below, 1.0), 2.0**-53).steps == 1
-    refuses(ValueError, "its times coincide", make_grid, (below, 1.0), 0.8 * 2.0**-53)
+    refuses(ValueError, "distinct times", make_grid, (below, 1.0), 0.8 * 2.0**-53)
 
 
 def test_evaluations_of_the_continuous_solution():

@@ -32,6 +32,21 @@ def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
     refuses(RuntimeError, "has finished", stepper.step)
 
 
+@pytest.mark.parametrize("end", [9.0, -9.0])
+@pytest.mark.parametrize("members", [(), (2,)])
+def test_a_limit_lies_beyond_the_time(end, members):
+    options = {"frame": Euclidean(1), "common_steps": bool(members), "first_step": 1e-3}
+    stepper = cg.Stepper(lambda t, y: -y, 0.0, np.ones((*members, 1)), end, **options)
+    for _ in range(2):
+        t, steps = stepper.t, stepper.nfev
+        refuses(ValueError, "limit must lie beyond t = .* got", stepper.step, t)
+        refuses(ValueError, "limit must lie between", stepper.step, t - 1e-6 * end)
+        assert stepper.advance(t) is None
+        assert (stepper.t, stepper.nfev) == (t, steps)
+        assert stepper.step(t + 1e-6 * end) is None
+        assert stepper.t == t + 1e-6 * end
+
+
 @pytest.mark.parametrize("options", [{"first_step": 0.01}, {"max_step": 0.01}])
 def test_a_step_that_ends_within_rounding_of_a_time_ends_there(options):
     stepper = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3(), method="CF5(4)", **options)
@@ -80,7 +95,7 @@ def test_a_function_that_ends_is_named_backward_in_time_too():
 
 def test_equal_steps_that_the_time_cannot_resolve_are_refused():
     options = {"frame": Euclidean(1), "method": "CF4", "h": 1e-3}
-    match = r"h is too small at t = 1000000000000000.0: its times coincide, got 0.001"
+    match = r"h must change the time at t = 1000000000000000.0, got 0.001"
     refuses(ValueError, match, cg.Stepper, lambda t, y: [1.0], 1e15, [0.0], **options)
     stepper = cg.Stepper(lambda t, y: [1.0], 0.0, [0.0], **options)
     refuses(ValueError, match, stepper.advance, 1e15)

@@ -7,7 +7,11 @@ from refusals import refuses
 from slow_cases import slow
 
 import cg
+from cg.construction.methods.estimate import result_and_estimate
+from cg.construction.methods.paths import paths_of
 from cg.frames import SE3, SO3, SU, LinearAction, Sphere, UnitQuaternion
+from cg.support.shared_numbers import STEP_CONTROL
+from cg.tables import table_of
 
 jnp = jax.numpy
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
@@ -53,6 +57,37 @@ def test_estimates_in_parts_are_those_of_compiled_code(name):
         return size * xp.array([0.8, -0.05, -1.4]) + t * xp.array([0.1, 0.3, 0.05])
 
     check_steps(UnitQuaternion(), name, np.eye(4)[3], a, 2.5, 1e-10)
+
+
+@pytest.mark.parametrize(("name", "power"), [
+    ("CF5(4)", 4), ("CG5(4)", 4), ("DOP853", 2), ("Magnus8(4)", 2), ("RKMK8(5,3)", 6),
+    pytest.param("DOP853", 5, marks=pytest.mark.xfail(
+        strict=True, reason="the model compares results as of the start, and sums as of the end"
+    )),
+])  # fmt: skip
+def test_estimates_of_a_step_are_the_same_in_all_places(name, power):
+    """In compiled code, in JAX, and in the model of small changes, for each `EstimateForm`."""
+    method, frame, linear = cg.methods[name], UnitQuaternion(), name.startswith("Magnus")
+    angle, size, y0 = 1.5, 1e-6, np.eye(4)[3]
+    values = paths_of(method).abscissae ** power
+    estimate = result_and_estimate(method, values, np.array([angle]))[1].item()
+    options = {"rtol": 3e-14, "atol": 10.0 * size * estimate / np.sqrt(3.0)}
+
+    def a(t, xp):
+        return xp.stack([size * xp.minimum(t, 1.0) ** power, 0.0 * t, angle + 0.0 * t])
+
+    there = cg.solve_ivp(
+        lambda t, *y: a(t, np), (0, 9), y0, frame=frame, method=name, linear=linear,
+        first_step=1.0, breakpoints=[1.0], **options,
+    )  # fmt: skip
+    factor = np.diff(there.t)[1] / STEP_CONTROL["safety"]
+    compiled = factor ** (-1.0 / (STEP_CONTROL["last_power"] * table_of(name).exponent))
+    term = (cg.jax.LinearTerm if linear else cg.jax.FrameTerm)(lambda t, *rest: a(t, jnp), frame)
+    solver, times, start = cg.jax.Solver(name), jnp.array([0.0, 1.0]), jnp.asarray(y0)
+    state = solver.init(term, *times, start, None)
+    end, error, *_ = solver.step(term, *times, start, None, state, False)
+    in_jax = cg.jax.controller(frame, **options)._error_norm(start, end, error)
+    np.testing.assert_allclose([compiled, in_jax], 0.1, rtol=1e-3)
 
 
 def test_first_steps_resolve_fast_coefficients():

@@ -16,7 +16,11 @@ from cg.construction.conditions import exact as ws
 from cg.construction.conditions.exact import Quantity, Weights
 from cg.construction.proofs import CertificationError, certify, check
 from cg.construction.proofs.dependent import pairings as pr
-from cg.construction.proofs.dependent.orthogonality import Reduction, find_relations, follow
+from cg.construction.proofs.dependent.orthogonality import (
+    Reduction,
+    find_relations,
+    prove_dependent,
+)
 from cg.construction.search.candidate import pack_method
 from cg.support.quads import to_ball, working_precision
 
@@ -147,16 +151,16 @@ def test_dependent_and_independent_conditions():
     method = cg.methods["CF5c"]
     left_out = left_out_of(method)
     with working_precision(320):
-        assert follow(method.layout, [5], balls(method, 1e-30), left_out)
-        assert follow(method.layout, [5], balls(method, 1e-30), left_out[:3])
-        assert not follow(method.layout, [5], balls(method, 0.1), left_out)
+        assert prove_dependent(method.layout, [5], balls(method, 1e-30), left_out)
+        assert prove_dependent(method.layout, [5], balls(method, 1e-30), left_out[:3])
+        assert not prove_dependent(method.layout, [5], balls(method, 0.1), left_out)
         one_more = next(one for one in ws.conditions_of([5]) if one not in left_out)
-        assert not follow(method.layout, [5], balls(method), [*left_out, one_more])
+        assert not prove_dependent(method.layout, [5], balls(method), [*left_out, one_more])
         relations = find_relations(method.layout, [5], balls(method), 20)
         alone = ws.conditions_of([5])[int(np.argmin(np.linalg.norm(relations, axis=0)))]
-        assert not follow(method.layout, [5], balls(method), [alone])
+        assert not prove_dependent(method.layout, [5], balls(method), [alone])
         elsewhere = [ball + arb(0.01) * (k % 3) for k, ball in enumerate(balls(method))]
-        assert not follow(method.layout, [5], elsewhere, left_out)
+        assert not prove_dependent(method.layout, [5], elsewhere, left_out)
 
 
 def test_relations_are_orthogonal_to_all_derivatives():

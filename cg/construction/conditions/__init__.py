@@ -67,7 +67,7 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     narrowest = rows_of(a_array)
     rows = narrowest if rows is None else check_rows(rows)
     if rows < narrowest:
-        raise ValueError(f"a has nonzero entries outside the pattern {rows.name.lower()}")
+        raise ValueError(f"a must be zero outside the pattern {rows.name.lower()}, got {a!r}")
     return np.array(
         Layout.tableau(b_array.size, rows).packed([*a_array.tolist(), b_array.tolist()])
     )

@@ -102,7 +102,7 @@ def _each(function: Callable[..., Any], *values: Any) -> Any:
     """Return nested sequences with the values of a function of one number of each."""
     if not isinstance(values[0], Sequence):
         return function(values if len(values) > 1 else values[0])
-    return [_each(function, *parts) for parts in zip(*values, strict=True)]
+    return [_each(function, *items) for items in zip(*values, strict=True)]
 
 
 def product_of_exponentials(values: Values, order: int, sign: int = -1) -> Series:

@@ -118,7 +118,7 @@ class _Flows:
         return fill(text, {
             "moves": "\n".join(f"    {line}" for line in self.moves),
             "changes": "".join(f"    {line}\n" for line in self._changes),
-            "parts": fill(template("rotations.h"), {}, conditions),
+            "rotations": fill(template("rotations.h"), {}, conditions),
             "n": self._size, "m": self._dim, "frame": self.frame,
             "name": name, "NAME": name.upper(),
         }, conditions)  # fmt: skip

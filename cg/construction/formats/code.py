@@ -23,7 +23,7 @@ from cg.construction.points import PointTree, tree_of_rows
 from cg.support.parsing import visible
 
 _WIDTH = 96
-_SECTION = re.compile(r"@if (\w+)@\n?(.*?)@end \1@\n?", re.DOTALL)  # a part of a template
+_SECTION = re.compile(r"@if (\w+)@\n?(.*?)@end \1@\n?", re.DOTALL)  # of a template
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def write(
         conditions.add("pair")
     elif program.errors:
         conditions.add("error")
-    parts = {
+    substitutions = {
         "tables": tables,
         "name": program.name,
         "NAME": program.name.upper(),
@@ -98,7 +98,7 @@ def write(
         # the heading is filled in last, as users write it: it may look like a place
         "heading": comment(program.heading, mark),
     }
-    return fill(template(*templates), parts, conditions)
+    return fill(template(*templates), substitutions, conditions)
 
 
 def identifier(name: str) -> str:
@@ -172,16 +172,16 @@ def template(*names: str) -> str:
     return "".join((folder / f"{name}.in").read_text(encoding="utf-8") for name in names)
 
 
-def fill(text: str, parts: Mapping[str, object], conditions: Container[str] = ()) -> str:
-    """Return a template with each ``@key@``, also in earlier parts, replaced by its part.
+def fill(text: str, substitutions: Mapping[str, object], conditions: Container[str] = ()) -> str:
+    """Return a template with each ``@key@``, also in earlier ones, replaced by its substitution.
 
     Text between ``@if name@`` and ``@end name@`` stays if the name is one of `conditions`.
     """
     while section := _SECTION.search(text):
         kept = section[2] if section[1] in conditions else ""
         text = text[: section.start()] + kept + text[section.end() :]
-    for key, part in parts.items():
-        text = text.replace(f"@{key}@", str(part))
+    for key, value in substitutions.items():
+        text = text.replace(f"@{key}@", str(value))
     return text
 
 

@@ -64,7 +64,7 @@ class Numbers:
             return method.with_coefficients(texts, **fields)
         except MethodError as problem:
             name = method.name or "the method"
-            raise ValueError(f"digits: {digits} are too few for {name}: {problem}") from None
+            raise ValueError(f"digits must be more for {name}, got {digits}: {problem}") from None
 
 
 def known_digits(method: Method) -> int | None:

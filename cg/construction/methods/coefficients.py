@@ -28,7 +28,7 @@ _PRINTED_UNIT = Fraction(1, 2**52)  # uncertainty of a decimal that may be a pri
 
 _RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
 _DECIMAL = re.compile(
-    r"[+-]? (?=\.?\d) \d* (\.(?P<part>\d*))? ([eE](?P<exponent>[+-]?\d{1,4}))?",
+    r"[+-]? (?=\.?\d) \d* (\.(?P<fraction>\d*))? ([eE](?P<exponent>[+-]?\d{1,4}))?",
     re.ASCII | re.VERBOSE,
 )
 _BINARY = re.compile(r"[+-]?0x[01](\.[0-9a-f]*)?p[+-]?\d{1,4}", re.ASCII)
@@ -80,7 +80,7 @@ class Coefficient:
             value = Fraction(text)
             if value == 0:
                 return cls(value, "0", Fraction(0))
-            places = len(match["part"] or "") - int(match["exponent"] or 0)
+            places = len(match["fraction"] or "") - int(match["exponent"] or 0)
             if places < MIN_ROUNDED_PLACES:
                 return cls(value, text, Fraction(0))
             digits = len(str(abs(int(value * Fraction(10) ** places))))

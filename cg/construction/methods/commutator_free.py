@@ -176,8 +176,8 @@ class CommutatorFree(Method):
         if self.third_weights is None or self.tree.embedded_result is None:
             return ()
         sums, other = map(self.tree.flat_row, self.advancing_results)
-        others = other, values_of(self.third_weights)
-        return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in others)
+        other_results = other, values_of(self.third_weights)
+        return tuple(tuple(b - w for b, w in zip(sums, row, strict=True)) for row in other_results)
 
     @property
     def third_flow(self) -> tuple[Coefficient, ...] | None:

@@ -107,11 +107,11 @@ def _max_ratio(
     first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
     nodes, weights = np.polynomial.legendre.leggauss(60)
     s = (nodes + 1) / 2
-    turned = polyval(s, polyint(base))
+    elapsed = polyval(s, polyint(base))
     c = paths_of(method).abscissae
     for j in _POWERS:
         result, estimate = result_and_estimate(method, c**j, angles, base, powers)
-        error = abs(result - np.exp(-1j * np.outer(angles, turned)) @ (weights / 2 * s**j))
+        error = abs(result - np.exp(-1j * np.outer(angles, elapsed)) @ (weights / 2 * s**j))
         for k in np.flatnonzero((error > _NO_ERROR) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
             ratios.append(error[k] / max(nearby, _NO_ERROR * error[k]))
@@ -127,7 +127,7 @@ def result_and_estimate(
     method: Method, values: Vector, angles: Vector, base: Vector = _CONSTANT,
     powers: int | None = None,
 ) -> tuple[Vector, Vector]:  # fmt: skip
-    """Return the result of a step and the estimate of its error, by angles φ.
+    """Return the result of a step and the estimate of its error, an `EstimateForm`, by angles φ.
 
     Perturbations have `values` at the nodes; X is multiplied by the polynomial `base` of time.
     The series of dexp⁻¹ has terms up to a power, or all of them.
@@ -136,15 +136,15 @@ def result_and_estimate(
     lengths, fields = _fields(method, values, angles, base, powers)
 
     def flow(terms: Sequence[Any], _: Any, point: Any) -> End:
-        turned, moved = point
+        elapsed, moved = point
         length = sum(weight * lengths[k] for k, weight in terms)
         field = sum(weight * fields[k] for k, weight in terms)
-        move = np.exp(-1j * angles * turned) * _phi1(-1j * length * angles) * field
-        return (turned + length, moved + move), None
+        move = np.exp(-1j * angles * elapsed) * _phi1(-1j * length * angles) * field
+        return (elapsed + length, moved + move), None
 
     ends, _ = take_paths(paths, (0.0, 0j * angles), lambda *_: None, flow, list(fields))
-    result, *others = (ends[k][0][1] for k in (paths.result, paths.embedded, paths.third) if k)
-    differences = np.array([result - other for other in others])
+    result, *rest = (ends[k][0][1] for k in (paths.result, paths.embedded, paths.third) if k)
+    differences = np.array([result - other for other in rest])
     rows = np.array(paths.errors, np.float64) @ fields if paths.errors else differences
     factor = float(paths.factor)
     if paths.estimate is EstimateForm.AT_END:
@@ -166,7 +166,7 @@ def result_and_estimate(
 
 
 def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
-    """Return the quotient of the estimates e1 and e2 of a part, or e1 alone if there is no e2."""
+    """Return the quotient Q of `EstimateForm` for a part, whose rows are e1, kinks and e2."""
     e1, e2 = (part[:-1].max(axis=0), part[-1]) if len(part) > 1 else (part[0], 0.0)
     quotient = e1 / np.maximum(np.hypot(e1, factor * e2), 1e-300)
     return np.asarray(e1 * quotient**power)
@@ -175,9 +175,9 @@ def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
 def _fields(
     method: Method, values: Vector, angles: Vector, base: Vector, powers: int | None
 ) -> tuple[Vector, Vector]:
-    """Return the parts along X and V of fields at stages and of brackets: (n,), (n, angles).
+    """Return the components along X and V of fields at stages and of brackets: (n,), (n, angles).
 
-    The parts of a Munthe-Kaas method are the derivatives κ of its coordinates.
+    The components of a Munthe-Kaas method are the derivatives κ of its coordinates.
     """
     paths, turn = paths_of(method), 1j * angles
     c = paths.abscissae
@@ -186,12 +186,12 @@ def _fields(
         system = np.eye(len(c)) + scale[..., None] * method.advancing_method.tableau.a
         sources = values * (1 + scale * c)
         return np.ones(len(c)), np.linalg.solve(system, sources[..., None])[..., 0].T
-    lengths, parts = polyval(c, base), np.outer(values, 1 + 0j * angles)
+    along_x, along_v = polyval(c, base), np.outer(values, 1 + 0j * angles)
     for pair in paths.brackets:
         u, v = np.array(pair, np.float64)
-        bracket = turn * ((u @ lengths) * (v @ parts) - (v @ lengths) * (u @ parts))
-        lengths, parts = np.append(lengths, 0.0), np.vstack([parts, bracket])
-    return lengths, parts
+        bracket = turn * ((u @ along_x) * (v @ along_v) - (v @ along_x) * (u @ along_v))
+        along_x, along_v = np.append(along_x, 0.0), np.vstack([along_v, bracket])
+    return along_x, along_v
 
 
 def _phi1(x: Vector) -> Vector:

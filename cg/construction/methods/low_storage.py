@@ -68,8 +68,8 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
     places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
     while unit * 10 ** (places + 1) <= 1:
         places += 1
-    whole, part = divmod(abs(round(value * 10**places)), 10**places)
-    return f"{'-' * (value < 0)}{whole}.{part:0{places}}"
+    whole, fraction = divmod(abs(round(value * 10**places)), 10**places)
+    return f"{'-' * (value < 0)}{whole}.{fraction:0{places}}"
 
 
 def two_registers(method: Method) -> Registers | None:

@@ -161,14 +161,14 @@ class Method(ABC):
         """
         complete = check_flag("complete", complete)
         counts = zip((self.stages, self.exponentials), self._COUNTED, strict=True)
-        parts = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
+        phrases = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
-            parts.insert(0, f"order {self._order_in_words}")
+            phrases.insert(0, f"order {self._order_in_words}")
         elif self.exact_embedded is not None:
-            parts.append("a pair")
+            phrases.append("a pair")
         if not self.explicit:
-            parts.append("implicit")
-        return ", ".join(parts)
+            phrases.append("implicit")
+        return ", ".join(phrases)
 
     @property
     def _order_in_words(self) -> str:
@@ -304,7 +304,7 @@ class Method(ABC):
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:
-        """The times of stages as parts of a step: the sums of the rows of `exact`."""
+        """The times of stages as fractions of a step: the sums of the rows of `exact`."""
         return tuple(sum(row, Fraction(0)) for row in self.exact[0])
 
     @cached_property

@@ -119,7 +119,7 @@ class Splitting(Method):
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:
-        """The times of the kicks, as parts of a step."""
+        """The times of the kicks, as fractions of a step."""
         return tuple(accumulate(d.value for d in self.drift_coefficients[:-1]))
 
     @property

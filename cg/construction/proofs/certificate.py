@@ -83,7 +83,7 @@ class Box:
     """A box around the stored coefficients in which conditions have exactly one zero."""
 
     radius: Decimal  # 0 for rational methods, which satisfy the conditions themselves
-    fixed: tuple[str, ...]  # names of the coefficients that are held, such as a_3,1
+    fixed: tuple[str, ...]  # names of the coefficients that are fixed, such as a_3,1
     left_out: tuple[Condition, ...] = ()  # independent conditions that aren't equations of the zero
     bound: Decimal | None = None  # bound of their residuals; None if they follow by orthogonality
 
@@ -175,9 +175,9 @@ class Certificate(Box):
 
     def __str__(self) -> str:
         follows = ", with orthogonality" if self.left_out and self.complete else ""
-        held = f"; of the coefficients {len(self.fixed)} are held fixed" if self.radius else ""
+        fixed = f"; of the coefficients {len(self.fixed)} are held fixed" if self.radius else ""
         return (
-            f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{held}; not "
+            f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{fixed}; not "
             f"order {self.order + 1}: {self.beyond.tree} is off by at least "
             f"{_decimal(self.beyond.bound)}"
         )

@@ -130,8 +130,8 @@ class PackedMethod(ABC):
 
     def movable(self, box: Box) -> list[int]:
         """Return the indices of the coefficients that aren't fixed."""
-        held = set(box.fixed)
-        return [k for k, name in enumerate(self.names) if name not in held]
+        fixed = set(box.fixed)
+        return [k for k, name in enumerate(self.names) if name not in fixed]
 
     def enclosure(self, box: Box) -> list[flint.arb]:
         """Return balls that hold the exact solution."""
@@ -388,15 +388,15 @@ def fitting(certificate: Certificate, method: Method) -> PackedMethod:
             "conditions that are left out must be distinct independent ones of these orders"
         )
     names = packed.names
-    held = set(certificate.fixed)
-    if len(held) != len(certificate.fixed) or not held.issubset(names):
+    fixed = set(certificate.fixed)
+    if len(fixed) != len(certificate.fixed) or not fixed.issubset(names):
         raise CertificationError("the fixed coefficients must be distinct ones of the method")
-    if certificate.radius == 0 and (len(held) != len(names) or left_out):
+    if certificate.radius == 0 and (len(fixed) != len(names) or left_out):
         raise CertificationError(
             "a radius of 0 needs all coefficients fixed and no condition left out"
         )
     for name, coefficient in zip(names, packed.coefficients, strict=True):
-        if coefficient.value == 0 and name not in held:
+        if coefficient.value == 0 and name not in fixed:
             raise CertificationError(f"{name} is exactly zero, so it must be fixed")
     return packed
 

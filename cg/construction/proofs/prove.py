@@ -122,14 +122,14 @@ def _prove_without(
         }
         if rank < len(jacobian):
             continue
-        # exact coefficients are held if possible
+        # exact coefficients are fixed if possible
         preferences = np.where([c.unit == 0 for c in packed.coefficients], 1e-6, 1.0)
         movable = choose_movable(jacobian * preferences, candidates)
         test = krawczyk(system, packed.balls(), movable, at_point=at_point)
         measures |= test.quantities
         if test.proved:
-            held = sorted(set(range(len(packed.names))) - set(movable))
-            fixed = tuple(packed.names[k] for k in held)
+            rest = sorted(set(range(len(packed.names))) - set(movable))
+            fixed = tuple(packed.names[k] for k in rest)
             radius = Decimal(f"{float(test.radius):.1e}")
             return (Box(radius, fixed, tuple(omitted)), test), measures
     return None, measures

@@ -1,6 +1,6 @@
 """Proofs that there is a zero in a box, and that all conditions hold there.
 
-Krawczyk's test (`krawczyk`) needs as many equations as unknowns: some coefficients are held, some
+Krawczyk's test (`krawczyk`) needs as many equations as unknowns: some coefficients are fixed, some
 conditions left out. It proves one zero z of the others within ``radius`` of the coefficients. The
 conditions left out are then either shown to follow from the others (`dependent`), or to be below
 ``bound`` at z, enclosed in balls of `places` decimal places.
@@ -17,7 +17,7 @@ import numpy as np
 from cg.construction.conditions.exact import Condition, text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
-from cg.construction.proofs.dependent.orthogonality import follow
+from cg.construction.proofs.dependent.orthogonality import prove_dependent
 from cg.construction.proofs.krawczyk import KrawczykTest, doubles, enclose_zero, krawczyk, max_abs
 from cg.construction.proofs.packed import PackedMethod, PackedWeights
 from cg.support import flint
@@ -57,7 +57,7 @@ def check_left_out(packed: PackedMethod, box: Box, test: KrawczykTest, bits: int
     if box.bound is None:
         assert isinstance(packed, PackedWeights)  # others leave none out
         zero = zero_of(packed, box, test, SHARP_PLACES)
-        if not follow(packed.layout, packed.orders, zero, box.left_out):
+        if not prove_dependent(packed.layout, packed.orders, zero, box.left_out):
             raise CertificationError(
                 f"{packed.name}: that conditions follow from others is not proved",
                 left_out=len(box.left_out),

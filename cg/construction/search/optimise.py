@@ -143,18 +143,18 @@ def _objective(
     candidate: Candidate, principal_error: float, coefficients: float, limits: Limits | None
 ) -> Terms:
     """Return the terms whose squares `optimise` adds up, and their derivatives."""
-    parts: list[Terms] = []
+    terms: list[Terms] = []
     x = candidate.x
     if principal_error:
         problem = candidate.next_order
         values, jac = core_calls.residuals(*problem), core_calls.jacobian(*problem)
-        parts.append((principal_error * values, principal_error * jac))
+        terms.append((principal_error * values, principal_error * jac))
     if coefficients:
         slopes = np.diag(3 * coefficients * x**2)
-        parts.append((coefficients * np.abs(x) ** 3, slopes * np.sign(x)))
+        terms.append((coefficients * np.abs(x) ** 3, slopes * np.sign(x)))
     if limits is not None:
-        parts.append(limits.beyond(x))
-    if not parts:
+        terms.append(limits.beyond(x))
+    if not terms:
         raise ValueError("one of principal_error, coefficients and limits must be given")
-    jac, held = np.concatenate([j for _, j in parts]), candidate.system.held
-    return np.concatenate([v for v, _ in parts]), jac if held is None else held.derivatives(jac, x)
+    jac, held = np.concatenate([j for _, j in terms]), candidate.system.held
+    return np.concatenate([v for v, _ in terms]), jac if held is None else held.derivatives(jac, x)

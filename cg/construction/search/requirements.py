@@ -67,7 +67,7 @@ class Requirements:
             self.limits(layout)
         elif unknown := {name for name, _, _ in self.bounds} - {_ALL, "c", "w"}:
             raise ValueError(
-                f"bound, nonnegative: drawn trees only have c and w, got {min(unknown)}"
+                f"bound, nonnegative must name c or w of drawn trees, got {min(unknown)}"
             )
         positive = {name for name, lower, _ in self.bounds if lower >= 0}
         if order >= 3 and positive & {_ALL, "b", "w"}:
@@ -78,9 +78,9 @@ class Requirements:
             )
 
     def __str__(self) -> str:
-        parts = [f"{name} in [{lower:g}, {upper:g}]" for name, lower, upper in self.bounds]
-        parts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
-        return " and ".join(parts)
+        texts = [f"{name} in [{lower:g}, {upper:g}]" for name, lower, upper in self.bounds]
+        texts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
+        return " and ".join(texts)
 
     def limits(self, layout: Layout, margin: float = 0.0) -> Limits:
         """Return the bounds on the unknowns of a layout, moved inside by a relative margin."""
@@ -94,7 +94,7 @@ class Requirements:
             ]  # fmt: skip
             if not named:
                 raise ValueError(
-                    f"bound, nonnegative: there is no {name}; names are {', '.join(sums)}"
+                    f"bound, nonnegative must name one of {', '.join(sums)}, got {name}"
                 )
             inside = margin * min((high - low) / 2, max(1.0, abs(low)), max(1.0, abs(high)))
             for row in named:

@@ -45,7 +45,7 @@ def read_hold(hold: Any) -> Hold:
             raise ValueError(f"hold: {name}: {error}") from None
         key = plain_name("hold", name)
         if values.setdefault(key, value) != value:
-            raise ValueError(f"hold: {name} has two values, {values[key]} and {value}")
+            raise ValueError(f"hold must give {name} one value, got {values[key]} and {value}")
     return tuple(sorted(values.items()))
 
 
@@ -65,8 +65,8 @@ class HeldValues:
         for name, _ in equations:
             if name not in unknowns:
                 raise ValueError(
-                    f"hold: there is no {name}; unknowns are {', '.join(layout.names)}, "
-                    f"and abscissae c_1 to c_{layout.stages}"
+                    f"hold must name unknowns, {', '.join(layout.names)}, or abscissae c_1 to "
+                    f"c_{layout.stages}, got {name}"
                 )
         try:
             return cls.solving(
@@ -172,7 +172,7 @@ class RegisterWeights:
     @cached_property
     def pivots(self) -> NDArray[np.intp]:
         """The weights that follow from others."""
-        return np.array([k for follow, _, _ in self._rows() for k in follow], dtype=np.intp)
+        return np.array([k for dependents, _, _ in self._rows() for k in dependents], dtype=np.intp)
 
     def complete(self, x: Any) -> NDArray[Any]:
         """Return weights, doubles or Fractions, with those that follow; not finite for B = 0."""
@@ -180,8 +180,8 @@ class RegisterWeights:
         if x.dtype == object and any(x[before[-1]] == 0 for _, _, before in self._rows()):
             raise ZeroDivisionError("B must not be 0, or the next stage repeats the one before it")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for follow, lead, before in self._rows():
-                x[follow] = x[lead] / x[before[-1]] * x[before[:-1]]
+            for dependents, lead, before in self._rows():
+                x[dependents] = x[lead] / x[before[-1]] * x[before[:-1]]
         return np.asarray(x)
 
     def derivatives(self, jac: NDArray[np.float64], x: Any) -> NDArray[np.float64]:
@@ -189,10 +189,10 @@ class RegisterWeights:
         along, x = np.eye(self.layout.size), self.complete(x)
         along[self.pivots] = 0.0
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for follow, lead, (*others, last) in self._rows():
+            for dependents, lead, (*others, last) in self._rows():
                 ratio = x[lead] / x[last]
                 change = (along[lead] - ratio * along[last]) / x[last]
-                along[follow] = np.outer(x[others], change) + ratio * along[others]
+                along[dependents] = np.outer(x[others], change) + ratio * along[others]
             return np.asarray(jac @ along)
 
     def guess(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -212,7 +212,7 @@ class RegisterWeights:
         rows = [list(range(*ends)) for ends in pairwise(self.layout.starts)]
         chain = []
         for before, now in pairwise(rows):
-            *follow, lead = now[:-1] if len(now) > len(before) else now
-            if len(now) >= len(before) and follow:
-                chain.append((follow, lead, before))
+            *dependents, lead = now[:-1] if len(now) > len(before) else now
+            if len(now) >= len(before) and dependents:
+                chain.append((dependents, lead, before))
         return chain

@@ -219,9 +219,9 @@ class Adjoint:
         edges = np.concatenate([self._output.ts, self._times, *(curve.times for curve in curves)])
         sign = self._output._direction
         edges = np.unique(sign * edges)
-        start, stop = sign * self._output.ts[0], sign * self._times[-1]
-        edges = edges[(edges >= start) & (edges <= stop)]
-        if start == stop:
+        start, end = sign * self._output.ts[0], sign * self._times[-1]
+        edges = edges[(edges >= start) & (edges <= end)]
+        if start == end:
             edges = np.repeat(edges, 2)
         return solve(self._equation, sign * edges)
 

@@ -24,12 +24,12 @@ _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
 # the difference of order four to one side
 _ONE_SIDED_STEPS = np.arange(5.0)
 _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
-# Central differences need a stop on neither side within their short steps. If the distances to both
-# stops have a smaller ratio than this, long steps to one side have smaller rounding errors.
+# Central differences need no bound of a segment within their short steps. If the distances to both
+# bounds have a smaller ratio than this, long steps to one side have smaller rounding errors.
 _MIN_CENTRAL = 2e-3
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
-# relative distance of a zero from a stop at which it was found: a part of a step, at most the span
+# relative distance of a zero from a bound at which it was found: a part of a step, at most the span
 _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
@@ -45,7 +45,7 @@ class _Derivatives(NamedTuple):
     span: float  # largest difference between two values along the solution
 
 
-class VariationalEvents:
+class VariationalEvents(EventTable):
     r"""The events of a solution with its derivatives.
 
     Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
@@ -57,7 +57,7 @@ class VariationalEvents:
 
     where :math:`\dot J` are the coordinates of the derivative of J along the solution before, and
     :math:`f^+` the coefficients after it [1]_. Derivatives of g and J are central differences of
-    order four. Those by time are found between the neighbouring ``stops``: the ends of the span
+    order four. Those by time are found between the neighbouring ``bounds``: the ends of the span
     and the times where inputs or the right-hand side may jump, in increasing order.
 
     References
@@ -66,25 +66,23 @@ class VariationalEvents:
        for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
     """
 
-    def __init__(self, table: EventTable, equation: VariationalEquation, stops: Array) -> None:
-        self.table, self.equation, self.stops = table, equation, stops
-        self.frame, self.width, self.rows = table.frame, table.width, table.rows.copy()
+    def __init__(self, table: EventTable, equation: VariationalEquation, bounds: Array) -> None:
+        vars(self).update(vars(table))  # the functions are the same
+        self.table, self.equation, self.bounds = table, equation, bounds
+        self.rows = table.rows.copy()
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_address
         self._callable = [
             None if source is None else _EVENT(source.address) for source in table.compiled
         ]
 
-    def __len__(self) -> int:
-        return len(self.table)
-
     def __reduce__(self) -> tuple[Any, ...]:
-        return VariationalEvents, (self.table, self.equation, self.stops)
+        return VariationalEvents, (self.table, self.equation, self.bounds)
 
     def on_frame(self, frame: Frame) -> VariationalEvents:
         """Return the events on another frame of the same points without derivatives."""
         equation = replace(self.equation, form=RhsForm(frame))
-        return VariationalEvents(self.table.on_frame(frame), equation, self.stops)
+        return VariationalEvents(self.table.on_frame(frame), equation, self.bounds)
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function at a point with derivatives."""
@@ -167,14 +165,14 @@ class VariationalEvents:
         self, value: Callable[..., Array], t: float, y: Points, arguments: tuple[Any, ...],
         span: float,
     ) -> bool:  # fmt: skip
-        """Return whether a function has another sign after a stop, at which the event stays.
+        """Return whether a function has another sign after a bound, at which the event stays.
 
         This is the case where an input jumps. A difference far below ``span`` is rounding.
         """
-        stop = float(self.stops[np.abs(self.stops - t).argmin()])
-        if abs(stop - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.stops))):
+        bound = float(self.bounds[np.abs(self.bounds - t).argmin()])
+        if abs(bound - t) > _SAME_TIME * max(abs(t), float(np.ptp(self.bounds))):
             return False
-        sides = (math.nextafter(stop, side) for side in (-math.inf, math.inf))
+        sides = (math.nextafter(bound, side) for side in (-math.inf, math.inf))
         before, after = (float(value(side, y, arguments)[0]) for side in sides)
         return before * after < 0.0 and abs(before - after) > _MIN_RATE * span
 
@@ -186,7 +184,7 @@ class VariationalEvents:
         data = max(int(self.rows["data"][index]), 0) or (
             None if numbers is None else numbers.ctypes.data
         )
-        return self.table.wrapped(index, float(function(t, point.ctypes.data, data)))
+        return self.wrapped(index, float(function(t, point.ctypes.data, data)))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
@@ -207,7 +205,7 @@ class VariationalEvents:
         slope = self._coefficients(t, y, arguments)
         # the solution moves by the sizes of its coordinates in a unit of this time
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
-        unit = min(unit, float(np.ptp(self.stops)) or max(abs(t), 1.0))
+        unit = min(unit, float(np.ptp(self.bounds)) or max(abs(t), 1.0))
 
         def values_along(v: Array, time: float = 0.0, steps: Array = CENTRAL_STEPS) -> Array:
             pairs = [(t + s * time, frame.flow(s * v, y)) for s in _STEP * steps]
@@ -239,7 +237,7 @@ class VariationalEvents:
         # steps reach two units to both sides, or four units to one, and stay a hundredth within
         if near >= _MIN_CENTRAL * far:
             unit = min(unit, near / (2.02 * _STEP))
-        else:  # near a stop
+        else:  # near a bound
             steps, weights = _ONE_SIDED_STEPS, _ONE_SIDED_WEIGHTS
             unit = min(unit, far / (4.04 * _STEP))
             unit = unit if remaining > elapsed else -unit
@@ -247,12 +245,12 @@ class VariationalEvents:
         return unit, steps, weights
 
     def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
-        """Return the times since the last stop and to the next, or to the ends of the inputs."""
-        stops = self.stops
-        elapsed = t - float(stops[stops < t].max(initial=-math.inf))
-        remaining = float(stops[stops > t].min(initial=math.inf)) - t
+        """Return the times since the last bound and to the next, or to the ends of the inputs."""
+        bounds = self.bounds
+        elapsed = t - float(bounds[bounds < t].max(initial=-math.inf))
+        remaining = float(bounds[bounds > t].min(initial=math.inf)) - t
         reader = arguments[0] if arguments else None
         if not isinstance(reader, Reader):
             return elapsed, remaining
-        start, stop = reader.inputs.span
-        return min(elapsed, max(t - start, 0.0)), min(remaining, max(stop - t, 0.0))
+        start, end = reader.inputs.span
+        return min(elapsed, max(t - start, 0.0)), min(remaining, max(end - t, 0.0))

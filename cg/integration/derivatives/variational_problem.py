@@ -87,8 +87,8 @@ class DerivativeSplitter:
             frames = (inertia.frame(k, self.equation.frame) for k in range(len(tables)))
             tables = [table.on_frame(frame) for frame in frames]
         if problem.member_inputs:
-            stops = (_stops(problem.part(slice(k, k + 1))) for k in range(len(tables)))
-            pairs = zip(tables, stops, strict=True)
+            bounds = (_bounds(problem.of_members(slice(k, k + 1))) for k in range(len(tables)))
+            pairs = zip(tables, bounds, strict=True)
             tables = [VariationalEvents(each.table, each.equation, own) for each, own in pairs]
         events: Any = solution.t_events, solution.y_events
         fields = {
@@ -148,15 +148,15 @@ def _forward_problem(problem: Problem, options: Options) -> Problem:
         rhs=variational_rhs,
         points=equation.start(problem.points),
         control=control,
-        events=None if events is None else VariationalEvents(events, equation, _stops(problem)),
+        events=None if events is None else VariationalEvents(events, equation, _bounds(problem)),
         finish=partial(DerivativeSplitter(equation, covariance).finish, problem),
     )
 
 
-def _stops(problem: Problem) -> Array:
+def _bounds(problem: Problem) -> Array:
     """Return the ends of the span and where inputs or the right-hand side may jump, in order."""
-    stops = np.append(problem.t0, problem.stops)
-    return np.unique(stops[np.isfinite(stops)])
+    bounds = np.append(problem.t0, problem.segment_ends)
+    return np.unique(bounds[np.isfinite(bounds)])
 
 
 def _check_problem(problem: Problem, options: Options) -> None:

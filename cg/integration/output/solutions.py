@@ -131,19 +131,19 @@ class DenseOutput(ReadOnly):
             Shape ``(*t.shape, *point_shape)``: time comes first. At an event with a jump it
             is the point after the jump.
         """
-        return self._points(t) if self._splitter is None else self._part("y", t)
+        return self._points(t) if self._splitter is None else self._split("y", t)
 
     def transition(self, t: ArrayLike) -> Any:
         """Return transition matrices, shape ``(*t.shape, dim, dim)``; None without derivatives."""
-        return self._part("transition", t)
+        return self._split("transition", t)
 
     def sensitivity(self, t: ArrayLike) -> Any:
         """Return derivatives by parameters, shape ``(*t.shape, dim, k)``; None without any."""
-        return self._part("sensitivity", t)
+        return self._split("sensitivity", t)
 
     def covariance(self, t: ArrayLike) -> Any:
         """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0`` and noise."""
-        return self._part("covariance", t)
+        return self._split("covariance", t)
 
     def with_derivatives(self, splitter: Any) -> Self:
         """Return the solution, whose points hold derivatives, as functions of time."""
@@ -151,7 +151,7 @@ class DenseOutput(ReadOnly):
         output._splitter = splitter
         return output
 
-    def _part(self, name: str, t: ArrayLike) -> Any:
+    def _split(self, name: str, t: ArrayLike) -> Any:
         return self._splitter and self._splitter.split(self._points(t))[name]
 
     def _points(self, t: ArrayLike) -> Points:

@@ -14,6 +14,7 @@ from cg.frames.facts import Dexpinv, dexpinv_of
 from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import Derivative, Rhs, derivative_of, is_matrix, when
 from cg.support.arrays import Array, Points, read_only
@@ -129,13 +130,13 @@ class Callbacks:
     """
 
     def __init__(
-        self, plan: Plan, rhs: Rhs | None = None, events: Any = None,
+        self, plan: Plan, rhs: Rhs | None = None, events: EventTable | None = None,
         jacobian: Jacobian | None = None,
     ) -> None:  # fmt: skip
         self.plan, self.frame = plan, plan.frame
         # compiled code calls only operations whose object was given
         self.rhs: Any = rhs
-        self.events = events
+        self.events: Any = events
         self.jacobian: Any = jacobian
         self.last_error: Exception | None = None
         self.failed_event: tuple[str, float, int | None] | None = None

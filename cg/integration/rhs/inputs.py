@@ -73,11 +73,11 @@ class Inputs:
         ends = np.cumsum([math.prod(curve.shape) for curve in self.curves])
         return zip(self.curves, np.split(numbers, ends[:-1], axis=-1), strict=True)
 
-    def part(self, members: slice) -> Inputs:
+    def of_members(self, members: slice) -> Inputs:
         """Return the inputs of some members."""
         if self.members is None:
             return self
-        return replace(self, curves=tuple(curve.part(members) for curve in self.curves))
+        return replace(self, curves=tuple(curve.of_members(members) for curve in self.curves))
 
     def data_with(self, parameters: Array | None) -> Array:
         """Return the parameters of each member, with room for the inputs after them."""
@@ -119,18 +119,18 @@ class Inputs:
             limits = np.stack([times, np.minimum(*sizes)], axis=1)
         return limits
 
-    def add_stops(self, stops: Array, start: float, tolerance: float | None) -> Array:
+    def add_corners(self, segment_ends: Array, start: float, tolerance: float | None) -> Array:
         """Return the ends of segments from a start, with those at corners.
 
         A corner at an end appears there once more, so that functions are called within the span.
         """
         corners = self.corners(tolerance)
         if not len(corners):
-            return stops
-        stop = float(stops[-1])
-        low, high = min(start, stop), max(start, stop)
-        inside = np.union1d(corners[(corners >= low) & (corners <= high)], stops[:-1])
-        return np.append(inside if start <= stop else inside[::-1], stop)
+            return segment_ends
+        end = float(segment_ends[-1])
+        low, high = min(start, end), max(start, end)
+        inside = np.union1d(corners[(corners >= low) & (corners <= high)], segment_ends[:-1])
+        return np.append(inside if start <= end else inside[::-1], end)
 
     def check_like(self, before: Inputs) -> None:
         """Raise ValueError unless functions get values of the same shapes as before."""
@@ -142,14 +142,14 @@ class Inputs:
             )
             raise ValueError(f"inputs must be like {old}, got {new}")
 
-    def check_span(self, start: float, stop: float, name: str) -> None:
+    def check_span(self, start: float, end: float, name: str) -> None:
         """Raise ValueError unless all curves cover a span."""
         for curve in self.curves:
-            curve.check_span(start, stop, name)
+            curve.check_span(start, end, name)
 
 
 def check_member_inputs(
-    inputs: list[Any], start: float, stop: float, members: int, table: MethodTable, name: str
+    inputs: list[Any], start: float, end: float, members: int, table: MethodTable, name: str
 ) -> tuple[Inputs, ...]:
     """Return the inputs of each member, at times of its own, after checking them."""
     if len(inputs) != members:
@@ -160,7 +160,7 @@ def check_member_inputs(
     checked: list[Inputs] = []
     for member, samples in enumerate(inputs):
         try:
-            curves = check_inputs(samples, start, stop, None, None if member else table, name)
+            curves = check_inputs(samples, start, end, None, None if member else table, name)
             if curves is None:
                 raise TypeError(f"inputs must be cg.Samples, got {samples!r}")
             curves.check_like(checked[0] if checked else curves)
@@ -302,7 +302,7 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, table: MethodTable | None,
+    inputs: Any, start: float, end: float, members: int | None, table: MethodTable | None,
     name: str = "t",
 ) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.
@@ -319,7 +319,7 @@ def check_inputs(
         label = f"inputs[{k}]" if in_tuple else "inputs"
         if not isinstance(curve, Samples):
             raise TypeError(f"{label} must be cg.Samples, or a tuple of them, got {curve!r}")
-        curve.check_span(start, stop, name)
+        curve.check_span(start, end, name)
         if curve.members is not None and curve.members != members:
             expected = f"be for {members} members" if members else "be without members=True here"
             raise ValueError(f"{label} must {expected}, got {curve!r}")

@@ -242,7 +242,7 @@ class Samples(ReadOnly):
         self._pieces.setflags(write=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # without cached properties, since `part` copies the object and gives it other values
+        # without cached properties, since `of_members` copies the object and gives it other values
         cached = {n for n, value in vars(Samples).items() if isinstance(value, cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in cached}
 
@@ -396,7 +396,7 @@ class Samples(ReadOnly):
             rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
         return np.asarray(np.concatenate(rows).reshape(self.values.shape))
 
-    def part(self, members: slice) -> Samples:
+    def of_members(self, members: slice) -> Samples:
         """Return the curves of some members."""
         if self.members is None:
             return self
@@ -406,12 +406,12 @@ class Samples(ReadOnly):
         curve.members = len(curve.values)
         return curve
 
-    def check_span(self, start: float, stop: float, name: str = "t") -> None:
+    def check_span(self, start: float, end: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
         low, high = self._span
-        if not (low <= min(start, stop) and max(start, stop) <= high):
-            low_text, high_text, *got = texts_of(self.times[0], self.end, start, stop)
-            is_span = start < stop or stop < start  # else one time, or NaN
+        if not (low <= min(start, end) and max(start, end) <= high):
+            low_text, high_text, *got = texts_of(self.times[0], self.end, start, end)
+            is_span = start < end or end < start  # else one time, or NaN
             raise ValueError(
                 f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
                 f"got {'({}, {})'.format(*got) if is_span else got[0]}"

@@ -12,7 +12,7 @@ from cg.frames.facts import facts_of
 from cg.integration.run.run import Run
 from cg.support.checks import NO_LIMIT
 from cg.support.parallel import raise_if_stopped
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import LoopStatus
 from cg.support.shared_records import COUNTS
 from cg.tables import Kind
 
@@ -61,7 +61,7 @@ class StepCheck:
         self._taken += taken
         if self._taken < self._next:
             return
-        active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
+        active = np.where(run.status == LoopStatus.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
         member = int(active.argmax())
         if active[member] < self._next:
             return
@@ -151,14 +151,14 @@ class StepBudget:
 class Progress:
     """Calls ``function(done, total)`` with the time covered so far, at most ten times a second.
 
-    The total is the time from ``start`` to ``stop``, times the number of members.
+    The total is the time from ``start`` to ``end``, times the number of members.
     """
 
-    def __init__(self, function: Any, start: float, stop: float, members: int = 1) -> None:
+    def __init__(self, function: Any, start: float, end: float, members: int = 1) -> None:
         if function is not None and not callable(function):
             raise TypeError(f"progress must be callable, got {function!r}")
         self.function = function
-        self.length = abs(stop - start)
+        self.length = abs(end - start)
         self.total = members * self.length
         self._before = self._done = 0.0
         self._last_call = time.perf_counter()

@@ -12,11 +12,11 @@ from cg.integration.errors import ConvergenceError, StepTooLongError
 from cg.integration.run.drive import find_difficulty
 from cg.integration.run.run import Run
 from cg.support.checks import short
-from cg.support.shared_numbers import STEP_CONTROL, Stop
+from cg.support.shared_numbers import STEP_CONTROL, LoopStatus
 from cg.tables import Kind
 
-_REQUESTS = {Stop.NEEDS_RHS, Stop.NEEDS_EVENTS, Stop.NEEDS_MAXIMUM}
-_NOT_FAILED = _REQUESTS | {Stop.PAUSED, Stop.FINISHED, Stop.TERMINAL_EVENT}
+_REQUESTS = {LoopStatus.NEEDS_RHS, LoopStatus.NEEDS_EVENTS, LoopStatus.NEEDS_MAXIMUM}
+_NOT_FAILED = _REQUESTS | {LoopStatus.PAUSED, LoopStatus.FINISHED, LoopStatus.TERMINAL_EVENT}
 _REJECTIONS = 1000  # least number of rejected steps for a warning
 _LARGE = 1e100  # errors overflow because of slopes beyond this
 _NO_FORCES = "there are no forces that keep joints closed"
@@ -28,8 +28,8 @@ def failures_of(run: Run, raising: bool) -> dict[int, str]:
     MemoryError is raised in any case.
     """
     messages = {}
-    for member, stop in enumerate(run.status.tolist()):
-        if stop not in _NOT_FAILED:
+    for member, status in enumerate(run.status.tolist()):
+        if status not in _NOT_FAILED:
             failure = _explain_failure(run, member)
             if isinstance(failure, Exception) and (raising or isinstance(failure, MemoryError)):
                 raise failure
@@ -42,62 +42,62 @@ def _explain_failure(run: Run, member: int) -> Exception | str:
 
     It is a message where adaptive steps failed, or ``f`` isn't finite after the start.
     """
-    stop, flag = Stop(run.status[member]), int(run.detail[member])
+    status, flag = LoopStatus(run.status[member]), int(run.detail[member])
     t = float(run.state("failed_at")[member])
-    match stop:
-        case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
+    match status:
+        case LoopStatus.STEP_TOO_SMALL | LoopStatus.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
-        case Stop.TOO_MANY_STEPS:
+        case LoopStatus.TOO_MANY_STEPS:
             steps, difficulty = run.control.max_steps, find_difficulty(run, member, t)
             reason = f"; {difficulty}" if difficulty else ""
             return (
                 f"{steps} steps (max_steps), rejected ones included, led only to t = {t:.17g}"
                 f"{reason}"
             )
-        case Stop.JUMPS_WITHOUT_PROGRESS:
+        case LoopStatus.JUMPS_WITHOUT_PROGRESS:
             return f"jumps of events follow each other without progress at t = {t:.17g}"
-        case Stop.RESTING_CONTACT:
+        case LoopStatus.RESTING_CONTACT:
             return (
                 f"the jump of events[{flag - 1}] leaves its function at zero at t = {t:.17g}, and "
                 "f doesn't move it off, as where a contact rests: continue from there with f of "
                 "the contact; if the solution shall pass, let the jump move it past the zero"
             )
-    error = _exception(run, stop, member, t, flag)
-    return str(error) if stop is Stop.RHS_NOT_FINITE and t != run.t0 else error
+    error = _exception(run, status, member, t, flag)
+    return str(error) if status is LoopStatus.RHS_NOT_FINITE and t != run.t0 else error
 
 
-def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
+def _exception(run: Run, status: LoopStatus, member: int, t: float, flag: int) -> Exception:
     """Return the exception for an integration that failed at time ``t``."""
     where, name = f"at t = {t:.17g}", run.rhs.failed_name(member)
     error: Exception
-    match stop:
-        case Stop.STAGES_NOT_SOLVED:
+    match status:
+        case LoopStatus.STAGES_NOT_SOLVED:
             error = _convergence_error(run, t, flag)
-        case Stop.SLOPE_NOT_FINITE:
+        case LoopStatus.SLOPE_NOT_FINITE:
             error = _first_step_error(run, member, t)
-        case Stop.STOPPED_BY_RHS:
+        case LoopStatus.STOPPED_BY_RHS:
             error = RuntimeError(f"{name} returned the error code {flag} {where}")
-        case Stop.RHS_NOT_FINITE:
+        case LoopStatus.RHS_NOT_FINITE:
             kind = OverflowError if name is None else ValueError
             error = kind(f"{_not_finite(run, member)}{_got(run, member, t)} {where}")
-        case Stop.STAGE_NOT_FINITE:
+        case LoopStatus.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))
-        case Stop.STEP_TOO_LONG | Stop.STEP_TOO_LONG_FOR_EVENTS:
-            error = StepTooLongError(t, stop is Stop.STEP_TOO_LONG_FOR_EVENTS)
-        case Stop.JOINTS_NOT_SOLVED:
+        case LoopStatus.STEP_TOO_LONG | LoopStatus.STEP_TOO_LONG_FOR_EVENTS:
+            error = StepTooLongError(t, status is LoopStatus.STEP_TOO_LONG_FOR_EVENTS)
+        case LoopStatus.JOINTS_NOT_SOLVED:
             error = ArithmeticError(
                 f"{_NO_FORCES} {where}: the step is too long, or their constraints depend on each "
                 "other there"
             )
-        case Stop.SOLUTION_NOT_FINITE:
+        case LoopStatus.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
-        case Stop.OUT_OF_MEMORY:
+        case LoopStatus.OUT_OF_MEMORY:
             error = MemoryError(
                 "there is not enough memory for the stages, or the events, of one step"
             )
         case _:
-            error = RuntimeError(f"compiled code ended with the unexpected status {stop!r} {where}")
+            error = RuntimeError(f"compiled code ended with the unexpected {status!r} {where}")
     return error
 
 
@@ -139,7 +139,7 @@ def _got(run: Run, member: int, t: float) -> str:
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
     """Return the message for a step size that became too small, or leads beyond all numbers."""
-    if run.status[member] == Stop.TIME_NOT_FINITE:
+    if run.status[member] == LoopStatus.TIME_NOT_FINITE:
         return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
     frame, min_size = run.plan.frame, STEP_CONTROL["min_step"] * math.ulp(t)
     point = run.plan.points(run.end[member].copy(), ())
@@ -166,7 +166,7 @@ def warnings_of(run: Run) -> list[str]:
     if not run.problem.ensemble:
         *_, steps, rejected = run.counts[0].tolist()
         are_many = rejected >= _REJECTIONS and 2 * rejected > steps
-        if are_many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
+        if are_many and run.status[0] != LoopStatus.TOO_MANY_STEPS:  # which names the reason
             texts.append(
                 f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
                 "jumps at known times, name them as breakpoints"

@@ -26,8 +26,8 @@ from cg.support.shared_numbers import (
     EventColumn,
     InterpolantColumn,
     JacobianKind,
+    LoopStatus,
     RhsFlag,
-    Stop,
     Stored,
 )
 from cg.support.shared_records import COUNTERS, COUNTS, RECORD, STATE, fields_of
@@ -57,9 +57,9 @@ class Run:
     up to 1024 by a vectorized function.
 
     Each member has its last point ``end`` as doubles, shape ``(members, width)``, and the time
-    ``reached`` of that point; a `Stop` as ``status``; as ``detail`` the error code of a compiled
-    function, an `RhsFlag`, or the number of the event or of the iterations that the status is
-    about; and ``counts``, shape ``(members, 6)``, see `COUNTS`.
+    ``reached`` of that point; a `LoopStatus` as ``status``; as ``detail`` the error code of a
+    compiled function, an `RhsFlag`, or the number of the event or of the iterations that the status
+    is about; and ``counts``, shape ``(members, 6)``, see `COUNTS`.
     """
 
     address = 0  # address of the run in compiled code
@@ -109,7 +109,7 @@ class Run:
         record.members, record.lanes = self.members, self._lanes
         record.first_member, record.common = problem.first_member, problem.common_steps
         record.keep_last, record.goes_on = keep_last, keep_last and not problem.ensemble
-        record.t0, record.segments = problem.t0, len(problem.stops)
+        record.t0, record.segments = problem.t0, len(problem.segment_ends)
         record.function, record.data, record.data_stride = self.rhs.addresses()
         record.of_time, record.vectorized = problem.linear, self.rhs.vectorized
         record.context = id(self.callbacks)
@@ -201,7 +201,7 @@ class Run:
     def _share_problem(self) -> None:
         """Share the arrays and the functions of the problem."""
         problem, control = self.problem, self.control
-        self._share("stops", problem.stops)
+        self._share("stops", problem.segment_ends)
         if problem.limits.size:
             self.share_limits(problem.limits)
         self._share_functions()
@@ -248,7 +248,7 @@ class Run:
             names = [name for flag, name in _FAILED.items() if (self.detail == flag).any()]
             name = (*names, "events")[0]
             kind = "positive" if name == "step_function" else "finite"
-            t = self.state("failed_at")[self.status == Stop.RAISED][0]
+            t = self.state("failed_at")[self.status == LoopStatus.RAISED][0]
             raise ValueError(
                 f"{name} must return {kind} numbers, got one that isn't {kind} at t = {t:.17g}"
             )
@@ -258,7 +258,7 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         rhs, call, self.callbacks.failed_event = self.rhs, self.callbacks.failed_event, None
-        raised = np.flatnonzero(self.status == Stop.RAISED).tolist()
+        raised = np.flatnonzero(self.status == LoopStatus.RAISED).tolist()
         failed_members = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
         if call is None and failed_members:
             k = failed_members[0]
@@ -321,9 +321,9 @@ class Run:
         self.record.data = self.rhs.data_address
         self._core.run_restart(self.address, t, rows.T, first_step or 0.0, stopped.view(np.int8))
 
-    def resume(self, stops: Array) -> None:
+    def resume(self, segment_ends: Array) -> None:
         """Continue trajectories with other ends of segments."""
-        self.record.segments = len(self._share("stops", stops))
+        self.record.segments = len(self._share("stops", segment_ends))
         self._core.run_continue(self.address, False)
 
     def saved(self) -> dict[str, Any]:

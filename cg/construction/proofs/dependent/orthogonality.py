@@ -51,7 +51,7 @@ _Doubles = NDArray[np.float64]
 Combination = dict[Word, Any]
 
 
-def follow(
+def prove_dependent(
     layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], left_out: Sequence[Condition]
 ) -> bool:
     """Return whether conditions left out hold wherever all others do, for coefficients in y."""
