@@ -37,7 +37,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +45,7 @@ from numpy.polynomial.polynomial import polyint, polyval
 from numpy.typing import NDArray
 
 from cg.construction.methods.commutator_free import MuntheKaas
+from cg.construction.methods.compile import error_exponent
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.paths import paths_of
@@ -53,7 +53,7 @@ from cg.construction.methods.reference_step import End, take_paths, with_weights
 from cg.frames.algebra import bernoulli_terms
 from cg.support.checks import check_instance
 from cg.support.quads import to_flint, to_fraction
-from cg.support.shared_numbers import EstimateForm
+from cg.support.shared_numbers import ERROR_ESTIMATE, EstimateForm
 from cg.tables import MAX_ANGLE
 
 if TYPE_CHECKING:
@@ -130,7 +130,8 @@ def result_and_estimate(
     """Return the result of a step and the estimate of its error, an `EstimateForm`, by angles φ.
 
     Perturbations have `values` at the nodes; X is multiplied by the polynomial `base` of time.
-    The series of dexp⁻¹ has terms up to a power, or all of them.
+    The series of dexp⁻¹ has terms up to a power, or all of them. Results are moved back to the
+    start of the step, sums of stages are those at its end.
     """
     paths = with_weights(paths_of(method), float)
     lengths, fields = _fields(method, values, angles, base, powers)
@@ -155,14 +156,22 @@ def result_and_estimate(
         commuting = np.array(paths.errors, np.float64) @ values[:, None]
         parts = [commuting + 0 * rows, rows - commuting]
     elif paths.estimate is EstimateForm.PARTS_OF_RESULTS:
-        parts = [rows, differences - rows[[0, -1]]]
+        parts = [rows, np.exp(1j * angles) * differences - rows[[0, -1]]]
     elif paths.estimate is EstimateForm.PARTS_OF_SUMS:
         parts = [rows[::2], rows[1::2]]
     else:
         parts = [rows]
     estimates = [_estimate_of_part(abs(part), factor, paths.power) for part in parts]
-    total = sum if isinstance(method, MagnusMethod) else partial(np.max, axis=0)
-    return result, np.asarray(total(estimates))
+    if not isinstance(method, MagnusMethod):
+        return result, np.max(estimates, axis=0)
+    estimate = np.sum(estimates, axis=0)
+    if len(parts) > 1:
+        # the rest of e2 is O(h³), and with this power of the change of X has the order of the error
+        nodal = polyval(paths.abscissae, base)
+        change = angles * abs(nodal - nodal[0]).max() / ERROR_ESTIMATE["unit_of_change"]
+        power = 1 / error_exponent(method)
+        estimate = np.maximum(estimate, abs(parts[1][-1]) * change ** (power - 3))
+    return result, estimate
 
 
 def _estimate_of_part(part: Vector, factor: float, power: int) -> Vector:
