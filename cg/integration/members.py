@@ -64,7 +64,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
     messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1
-    for member in np.flatnonzero(run.status == _TERMINAL).tolist():
+    for member in [k for k, each in enumerate(run.status.tolist()) if each == _TERMINAL]:
         messages[member], status[member] = TERMINAL_EVENT, 1
     if times is None:
         times, y, observed = run.steps()

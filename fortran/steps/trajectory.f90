@@ -156,7 +156,7 @@ module trajectory_m
 
   ! Numbers that a trajectory needs between steps
   type :: state_t
-    integer :: status = paused               ! a Stop
+    integer :: status = paused               ! a LoopStatus
     real(wp) :: failed_at = 0.0_wp
     type(counters_t) :: counts
     ! the present point
@@ -445,7 +445,7 @@ contains
   ! Ends a trajectory, with the reason and the time for the message to the user.
   subroutine fail(x, status, t, detail)
     type(trajectory_t), intent(inout) :: x
-    integer, intent(in) :: status                      ! a Stop
+    integer, intent(in) :: status                      ! a LoopStatus
     real(wp), intent(in) :: t
     integer, optional, intent(in) :: detail            ! iterations, an event or a function
 

@@ -16,26 +16,29 @@ FLAGS = [
     "-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror",
     "-fcheck=all", "-ffpe-trap=invalid,zero,overflow",
 ]  # fmt: skip
-MODULES = (
+CONDITIONS = (
     "support/linalg",
     *(f"conditions/{name}" for name in ("levenberg_marquardt", "weights", "conditions")),
 )
 
 
 @pytest.mark.skipif(shutil.which("gfortran") is None, reason="gfortran is not installed")
-@pytest.mark.parametrize("kind", ["real64", "real128"])
-def test_core_passes_with_checks_and_traps(tmp_path, kind):
+@pytest.mark.parametrize(("name", "kind", "modules"), [
+    ("core_checks", "real64", CONDITIONS),
+    ("core_checks", "real128", CONDITIONS),
+    ("step_checks", "real64", ["steps/controller"]),
+])  # fmt: skip
+def test_core_passes_with_checks_and_traps(tmp_path, name, kind, modules):
     kinds = tmp_path / "kinds.f90"
     kinds.write_text((SOURCES / "support" / "kinds.f90.in").read_text().replace("@KIND@", kind))
     tables = tmp_path / "tree_tables.f90"
     tables.write_text(fortran_tables(forest(7)))
     shared = tmp_path / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in MODULES]
-    program_source = TESTS / "fortran" / "core_checks.f90"
-    sources = [str(source) for source in (kinds, tables, shared, *modules, program_source)]
-    program = tmp_path / "core_checks"
-    command = ["gfortran", *FLAGS, f"-J{tmp_path}", *sources, "-o", str(program)]
+    sources = [kinds, tables, shared, *(SOURCES / f"{module}.f90" for module in modules)]
+    program = tmp_path / name
+    paths = map(str, [*sources, TESTS / "fortran" / f"{name}.f90"])
+    command = ["gfortran", *FLAGS, f"-J{tmp_path}", *paths, "-o", str(program)]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)
     assert compiled.returncode == 0, compiled.stderr
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False)
