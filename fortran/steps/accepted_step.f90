@@ -299,8 +299,8 @@ contains
 
     at_stop = t == x%problem%stops(x%segment)
     jumps = by_event .or. (at_stop .and. x%segment < size(x%problem%stops))
+    if (abs(t - x%t) > 10 * resolution(t)) x%jumps_in_place = 0
     if (by_event) then
-      if (abs(t - x%t) > 10 * resolution(t)) x%jumps_in_place = 0
       x%jumps_in_place = x%jumps_in_place + 1
       x%events%zero_tolerance = max( &
         small_value * max(abs(x%events%at_start), abs(x%events%at_end)), 2 * abs(x%events%residual))

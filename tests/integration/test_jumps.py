@@ -75,6 +75,16 @@ def test_jumps_without_progress_end_the_integration():
     assert "jumps of events follow each other without progress at t = 1" in solution.message
 
 
+@pytest.mark.parametrize("end", [30.0, -30.0])
+def test_jumps_right_behind_starts_of_steps_are_progress(end):
+    """Ten tenths are less than one by rounding, in each of 29 turns."""
+    options = {"frame": Euclidean(1), "method": "LieEuler", "h": 0.1}
+    fire = cg.Event(lambda t, y: y[0] - 1.0, jump=lambda t, y: [0.0])
+    s = cg.solve_ivp(lambda t, y: [np.sign(end)], (0, end), [0.0], events=fire, **options)
+    assert s.success, s.message
+    np.testing.assert_allclose(np.abs(s.t_events[0])[:29], np.arange(1, 30), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "RadauIIA5"}, {"method": "CG4a", "h": 0.3}])
 @pytest.mark.parametrize("direction", [-1, 0])
 @pytest.mark.parametrize("kept", [0.0, 0.01, 0.5, 0.8, 0.9])

@@ -28,6 +28,7 @@ _ALIGNED = 0.5  # largest part of the residuals that a step may leave
 _QUAD_ROUNDING = 1e-30  # errors of coefficients that residuals in real(16) show
 _MAX_STEPS = 12  # Gauss–Newton steps of one coefficient
 _MAX_DENOMINATOR = 10**6  # largest one of fractions that are tried
+_MAX_WIDTH = Fraction(1, 10**4)  # beyond, a fraction may be near to a coefficient by chance
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,8 @@ def _text(method: Method, k: int, value: Fraction) -> str:
     digits = min(round(1 - log10(max(others, default=0.0) or 1e-99)), quads.DECIMAL_DIGITS)
     close = Fraction(10) ** (7 - digits)
     simple = value.limit_denominator(min(_MAX_DENOMINATOR, isqrt(int(1 / close)) // 10 + 1))
-    return str(simple) if abs(simple - value) < close else quads.to_decimal(value, digits)
+    near = close < _MAX_WIDTH and abs(simple - value) < close
+    return str(simple) if near else quads.to_decimal(value, digits)
 
 
 class _Conditions:
