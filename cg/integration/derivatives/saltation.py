@@ -67,9 +67,9 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, equation: VariationalEquation, bounds: Array) -> None:
-        vars(self).update(vars(table))  # the functions are the same
+        events, flags = table._arguments
+        super().__init__(events, table.frame, **flags)
         self.table, self.equation, self.bounds = table, equation, bounds
-        self.rows = table.rows.copy()
         if not equation.parameter_count and isinstance(equation.f, CompiledRhs):
             self.rows["data"][self.rows["data"] == 0] = equation.f.user_address
         self._callable = [
