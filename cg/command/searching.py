@@ -52,8 +52,7 @@ _SHARED = (
     Option(["--order"], type=int, required=True, help="Order of the methods."),
     Option(["--stages"], type=int, help="Evaluations in a step; by default those of --tree."),
     Option(["--flows"], type=int, help="Flows of commutator-free methods with random trees."),
-    Option(["--tree"], metavar="NAME|FILE",
-           help="Commutator-free methods with the tree of points of this method."),
+    Option(["--tree"], metavar="NAME|FILE", help="Methods with the tree of points of a method."),
     Option(["--embedded"], is_flag=True, help="Pairs, with a second result."),
     Option(["--first-same-as-last"], is_flag=True, help="The last stage is at the result."),
     Option(["--hold"], multiple=True, callback=_held, metavar="NAME=VALUE",
@@ -66,13 +65,13 @@ _SHARED = (
     Option(["--force"], is_flag=True, help="Try even with fewer unknowns than conditions."),
     Option(["--workers"], type=int, help="Number of workers; by default one per core."),
     Option(["--processes"], is_flag=True, help="Run in processes in place of threads."),
-    Option(["--store"], type=click.Path(dir_okay=False),
-           help="File of finished runs, with which the same command continues."),
+    Option(["--store"], type=click.Path(dir_okay=False), help="File of runs to continue from."),
     Option(["--quiet", "-q"], is_flag=True, help="Don't show progress."),
-    Option(["--output", "-o"], type=click.Path(path_type=Path),
-           help="Write the methods there: a folder, or a file for one method."),
 )  # fmt: skip
 _OF_SEARCH = (
+    # no file that exists, in whose place there can't be a folder of several methods
+    Option(["--output", "-o"], type=click.Path(file_okay=False, path_type=Path),
+           help="Write the methods there: a folder, or a new file for one method."),
     Option(["--starts"], type=int, default=100, help="Number of random starts."),
     Option(["--rows"], type=click.Choice(Rows, case_sensitive=False), default="explicit",
            help="Explicit, diagonally implicit or fully implicit tableaux."),
@@ -89,8 +88,8 @@ _OF_SEARCH = (
 )  # fmt: skip
 _OF_CONSTRUCT = (
     Option(["--tries"], type=int, default=400, help="Largest number of random starts."),
-    Option(["--max-coefficient"], type=float, default=3.0,
-           help="Bound on the magnitude of coefficients."),
+    Option(["--output", "-o"], type=click.Path(path_type=Path), help="Folder, or file."),
+    Option(["--max-coefficient"], type=float, default=3.0, help="Bound on magnitudes."),
     Option(["--restarts"], type=int, default=1,
            help="Largest number of walks along the solution set after elimination fails."),
     Option(["--structure"], type=click.Choice(Structure, case_sensitive=False),

@@ -88,6 +88,7 @@ def test_export(run_command, tmp_path):
     ("list --order 0", "--order"),
     ("export CG3 cobol", "'cobol' is not one of"),
     ("certify CG3 -o /", "--output"),
+    (f"search --order 2 --stages 2 -o {__file__}", "is a file"),
     ("search --order 4", "Missing option '--stages', or '--tree'"),
     ("search --order 4 --tree DICG4", "--tree: <Tableau DICG4: "),
     ("search --order 4 --stages 5 --bound 1 --bound b=0:", "'--bound': give one number"),

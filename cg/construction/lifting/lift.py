@@ -194,7 +194,7 @@ def lift(
     reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
     if improve and order >= MAX_ORDER:
         raise ValueError(
-            f"order must be below {MAX_ORDER}, the highest in this build, to improve, got {order}"
+            f"improve must be False for order {order}, as {MAX_ORDER} is the highest in this build"
         )
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     _ = flint.ctx  # an error if it is missing, by which results are refined

@@ -118,7 +118,7 @@ def enclose_zero(
     Repeats ``z ↦ z - A f(z)``: each step gains as many digits as A has, without new derivatives.
     """
     if test.inverse is None or not test.proved:
-        raise CertificationError("test must prove a zero, got none", **test.quantities)
+        raise CertificationError("no zero is proved", **test.quantities)
     z = list(y)
     for k in movable:
         z[k] = y[k].mid()
@@ -132,7 +132,7 @@ def enclose_zero(
                 z[k] = z[k] + flint.arb(0, distance.upper())
             return z
         if not 2 * distance < last:
-            raise CertificationError(f"places must be fewer, got {places}", **test.quantities)
+            raise CertificationError(f"{places} places aren't proved", **test.quantities)
         last = distance
         for k, change in zip(movable, changes, strict=True):
             z[k] = (z[k] - change).mid()

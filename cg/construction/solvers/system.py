@@ -91,8 +91,8 @@ class ConditionSystem:
         explicit, highest = self.rows is Rows.EXPLICIT, len(_REMAINING[1])
         if structure and not (explicit and self.stages > 2 and 4 <= order <= highest):
             raise ValueError(
-                f"structure must be GENERAL but for explicit rows, orders 4 to {highest} with 3 "
-                f"stages or more, got {structure.name}, {order}, {self.stages} and {self.rows!r}"
+                f"structure = {structure.name} is for explicit tableaux of orders 4 to {highest} "
+                f"with 3 stages or more, got order {order}, {self.stages} stages, {self.rows!r}"
             )
 
     @classmethod
