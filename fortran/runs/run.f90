@@ -327,13 +327,13 @@ contains
       lane%member = member
       lane%counts = counters_t()
       lane%control%attempts = 0
-      lane%outputs_done = 0
+      lane%outputs%passed = 0
       call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
-          lane%outputs_done = 1
+          lane%outputs%passed = 1
         end if
       end if
       if (run%output%status /= finished) &
@@ -423,7 +423,7 @@ contains
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: waiting(:), counts(:)      ! lanes, and how many queries each has
-    real(wp), allocatable :: query(:, :)     ! all queries, as in trajectory_t
+    real(wp), allocatable :: query(:, :)     ! all queries, as in queries_t
     real(wp), allocatable :: values(:)       ! of one event
     integer :: event, i, j, alloc_status, total
     logical :: failed
@@ -431,7 +431,7 @@ contains
     associate (lanes => run%lanes, n => run%frame%point_size)
       waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
       lanes(waiting)%status = finished
-      counts = lanes(waiting)%queries - lanes(waiting)%answered
+      counts = lanes(waiting)%queries%count - lanes(waiting)%queries%answered
       total = sum(counts)
       allocate (query(query_numbers + n + run%events%count, total), values(total), &
                 stat=alloc_status)
@@ -439,8 +439,8 @@ contains
       if (alloc_status /= 0) return
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)), count => counts(i))
-          query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
+        associate (queries => lanes(waiting(i))%queries, count => counts(i))
+          query(:, total + 1:total + count) = queries%columns(:, queries%answered + 1:queries%count)
           total = total + count
         end associate
       end do
@@ -463,9 +463,9 @@ contains
       end do
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)), count => counts(i))
-          lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
-          lane%answered = lane%queries
+        associate (queries => lanes(waiting(i))%queries, count => counts(i))
+          queries%columns(:, queries%answered + 1:queries%count) = query(:, total + 1:total + count)
+          queries%answered = queries%count
           total = total + count
         end associate
       end do

@@ -10,7 +10,8 @@ module accepted_step_m
   use output_m, only: output_t, store_interpolant, store_point, store_step
   use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
   use requests_m, only: evaluate_events, reject_accepted_step, request, share, within_segment
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, forget_step, last_step_times_t, point_at, time_at, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: callback_block, finished, jumps_without_progress, observer_failed, &
                             paused, polynomial_kind, registers_kind, splitting_kind, &
@@ -35,20 +36,20 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    x%seeks_events = size(x%events) > 0
-    if (x%seeks_events) then
+    x%search%active = size(x%events) > 0
+    if (x%search%active) then
       call evaluate_events(x, 0, 1.0_wp, x%events%at_end)
       if (x%status /= finished) return
     end if
     x%counts%steps = x%counts%steps + 1
-    x%grid_done = x%grid_done + 1
-    x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
+    x%grid%done = x%grid%done + 1
+    x%outputs%need_interpolant = .not. x%search%active .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%seeks_events) x%needs_interpolant = any(x%events%sign_before /= 0 .or. &
+    if (x%search%active) x%outputs%need_interpolant = any(x%events%sign_before /= 0 .or. &
       (crosses(x%events%at_start, x%events%at_end, x%problem%events%table) .and. &
        (x%events%at_end /= 0 .or. &
         (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
-    if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
+    if (x%outputs%need_interpolant .or. x%search%active) call request_ends(x)
   end subroutine examine_step
 
   ! Whether there is output before the end of the step
@@ -57,8 +58,8 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs_done < output%outputs) has_output = has_output .or. &
-        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
+    if (x%outputs%passed < output%outputs) has_output = has_output .or. &
+        (output%times(x%outputs%passed + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
@@ -70,19 +71,20 @@ contains
     integer :: k
 
     call find_zeros(x)
-    if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
+    if (.not. allocated(x%search%zeros)) return        ! values are requested, or the step fails
     x%phase = phase_complete_step
-    x%needs_interpolant = .false.
-    do k = 1, size(x%zeros)                 ! a stepper may interpolate in a step that an event ends
-      associate (i => x%zeros(k)%event)
-        if (x%zeros(k)%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
-            ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
+    x%outputs%need_interpolant = .false.
+    ! a stepper may interpolate in a step that an event ends
+    do k = 1, size(x%search%zeros)
+      associate (zero => x%search%zeros(k), i => x%search%zeros(k)%event)
+        if (zero%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
+            ends_step(x%events(i), x%problem%events%table(i)))) x%outputs%need_interpolant = .true.
       end associate
     end do
-    x%seeks_events = size(x%zeros) > 0
-    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
-    x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
-    if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
+    x%search%active = size(x%search%zeros) > 0
+    if (x%outputs%need_interpolant .or. .not. x%search%active) deallocate (x%search%zeros)
+    x%outputs%need_interpolant = x%outputs%need_interpolant .or. has_output(x, output)
+    if (x%outputs%need_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
   ! Finds the events of a step. Trajectories with common steps then accept it together.
@@ -90,12 +92,13 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    if (x%seeks_events .and. .not. (x%interpolate_only .or. allocated(x%zeros))) then
+    if (x%search%active .and. .not. x%outputs%interpolant_only &
+        .and. .not. allocated(x%search%zeros)) then
       call find_zeros(x)
-      if (x%status /= finished .or. .not. allocated(x%zeros)) return
+      if (x%status /= finished .or. .not. allocated(x%search%zeros)) return
     end if
     x%phase = phase_store_output
-    if (x%interpolate_only) return
+    if (x%outputs%interpolant_only) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
         output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
@@ -104,12 +107,12 @@ contains
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
-      call request(x, x%last%start, x%last_y, phase_interpolant_start_received)
+    if (x%outputs%interpolant_only .and. .not. finite(size(x%last%slope), x%last%slope)) then
+      call request(x, x%last%start, x%last%y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), &
-                   merge(phase_end_received, phase_interpolant_start_received, x%interpolate_only))
-    else if (.not. (x%interpolate_only .or. x%end_known)) then
+      call request(x, x%t, x%y(:, 0), merge( &
+        phase_end_received, phase_interpolant_start_received, x%outputs%interpolant_only))
+    else if (.not. (x%outputs%interpolant_only .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
@@ -121,9 +124,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (begins => x%phase == phase_interpolant_start_received)
-      if (begins .and. x%interpolate_only) then
-        x%last_slope(:) = x%request%answer
-      else if (begins .or. x%interpolate_only) then
+      if (begins .and. x%outputs%interpolant_only) then
+        x%last%slope(:) = x%request%answer
+      else if (begins .or. x%outputs%interpolant_only) then
         x%slope(:) = x%request%answer
         x%slope_known = begins .or. x%t == x%request%t
       else
@@ -147,12 +150,12 @@ contains
 
     associate (self => x%interpolant)
       self%noisy = x%problem%record%heated
-      if (x%interpolate_only) then
+      if (x%outputs%interpolant_only) then
         self%t0 = x%last%t
         self%h = x%last%h
-        self%y0(:) = x%last_y
+        self%y0(:) = x%last%y
         self%y1(:) = x%y(:, 0)
-        self%vectors(:, 1) = x%last_slope
+        self%vectors(:, 1) = x%last%slope
         self%vectors(:, 2) = x%slope
       else
         self%t0 = x%t
@@ -175,7 +178,7 @@ contains
     if (any(x%frame%blocks%kind == callback_block)) &
       x%interpolant%step_flows = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
-    if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
+    if (x%outputs%need_interpolant .or. x%outputs%interpolant_only .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
     else
       call make_cubic(exists, x%interpolant)
@@ -242,19 +245,19 @@ contains
     real(wp) :: theta_end                    ! where an event ends the step, as a fraction of it
     logical :: by_event                      ! whether an event ended the step
 
-    if (x%interpolate_only) then
+    if (x%outputs%interpolant_only) then
       call store_interpolant(output, x%member, x%t, x%interpolant)
-      x%interpolate_only = .false.
+      x%outputs%interpolant_only = .false.
       x%phase = phase_choose_step
       x%status = merge(paused, output%status, output%status == finished)
       return
     end if
     by_event = .false.
-    if (x%seeks_events) then
+    if (x%search%active) then
       ! the interpolant has all its nodes, so that their memory is free
       call store_zeros(x, output, theta_end, by_event, x%interpolant%y)
       if (x%status /= finished) return
-      deallocate (x%zeros)
+      deallocate (x%search%zeros)
     end if
     if (by_event) then
       call store_until(x, time_at(x, theta_end), x%interpolant%y, by_event, output)
@@ -280,11 +283,12 @@ contains
       call fail(x, output%status, t, observer_failed)
       return
     end if
-    if (size(x%last_y) > 0) then
-      x%last = last_step_t(cut=by_event, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
-      x%last_y(:) = x%y(:, 0)
-      x%last_slope(:) = x%slope
-      if (.not. x%slope_known) x%last_slope = nan
+    if (size(x%last%y) > 0) then
+      x%last%last_step_times_t = last_step_times_t( &
+        cut=by_event, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
+      x%last%y(:) = x%y(:, 0)
+      x%last%slope(:) = x%slope
+      if (.not. x%slope_known) x%last%slope = nan
     end if
     call begin_next_step(x, t, y, by_event)
   end subroutine store_until
@@ -337,22 +341,22 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
 
-    associate (point => x%request%y)    ! no request is pending, so that its memory is free
-      do while (x%outputs_done < output%outputs)
-        associate (time => output%times(x%outputs_done + 1))
+    associate (point => x%point, outputs => x%outputs)
+      do while (outputs%passed < output%outputs)
+        associate (time => output%times(outputs%passed + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%problem%inner%y(:, x%outputs_done + 1 - x%inner_from)
+            point = x%problem%inner%y(:, outputs%passed + 1 - outputs%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
-        x%outputs_done = x%outputs_done + 1
-        call store_point(output, x%member, x%outputs_done, point)
+        outputs%passed = outputs%passed + 1
+        call store_point(output, x%member, outputs%passed, point)
         if (output%status /= finished) return
       end do
     end associate
@@ -364,10 +368,10 @@ contains
     type(output_t), intent(in) :: output
     integer :: count
 
-    count = min(size(x%problem%inner%theta), output%outputs - x%outputs_done)
-    x%inner_from = x%outputs_done
+    count = min(size(x%problem%inner%theta), output%outputs - x%outputs%passed)
+    x%outputs%inner_from = x%outputs%passed
     associate (inner => x%problem%inner, &
-               times => output%times(x%outputs_done + 1:x%outputs_done + count))
+               times => output%times(x%outputs%passed + 1:x%outputs%passed + count))
       inner%owner = x%member
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
@@ -379,14 +383,14 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (point => x%request%y, inner => x%problem%inner, &
+    associate (point => x%point, inner => x%problem%inner, passed => x%outputs%passed, &
                first => x%method%path_first(x%method%result), &
                last => x%method%path_first(x%method%result + 1) - 1)
       ! members with common steps may have prepared points of theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
+      if (inner%owner == x%member .and. passed - x%outputs%inner_from < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
-      call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
+      call combine_flows(x%method%flows, x%scaled%weight, first, last, size(x%f, 1), x%f, x%v)
       call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, point, &
                              inner)
       x%counts%nexp = x%counts%nexp + 1

@@ -59,30 +59,31 @@ contains
       if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
     end if
     call difference_norms(x, e)
-    x%error = combined(x%method, e(1, 1), e(1, 2))
+    x%estimate%error = combined(x%method, e(1, 1), e(1, 2))
     if (x%method%in_parts) then
-      parts = [x%error, combined(x%method, e(2, 1), e(2, 2))]
-      x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
+      parts = [x%estimate%error, combined(x%method, e(2, 1), e(2, 2))]
+      x%estimate%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
       if (x%method%kind == linear_kind .and. e(2, 2) > 1) call raise_by_change(x, e(2, 2))
     else if (x%method%estimate == at_end_estimate) then
       if (e(1, 3) > 0 .and. e(1, 3) <= huge(1.0_wp)) &
         e(1, 2) = e(1, 2) * (e(1, 2) / hypot(e(1, 2), e(1, 3)))
-      x%error = max(e(1, 1), x%method%factor * e(1, 2))
+      x%estimate%error = max(e(1, 1), x%method%factor * e(1, 2))
     end if
     call raise_by_angle(x)
     if (.not. x%method%uses_last_nodes) return
-    if (x%h_before /= 0) then
-      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%norms%displacement)
+    if (x%estimate%h_before /= 0) then
+      call node_difference(x%method%c, x%f, x%estimate%h_before / x%h, x%estimate%f_before, &
+                           x%norms%displacement)
       x%norms%displacement = x%h * x%norms%displacement
       call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
-      x%error = max(x%error, displacement_norm(x))
+      x%estimate%error = max(x%estimate%error, displacement_norm(x))
     else                                     ! of the first step, and after a breakpoint or a jump
       ! without parts e2 is no estimate of its own
       change = variation(x)
       if (e(1, 1) > resolved_first * change) then
-        x%error = max(x%error, e(1, 1))
+        x%estimate%error = max(x%estimate%error, e(1, 1))
       else if (x%method%in_parts .and. e(1, 2) > resolved_second * change) then
-        x%error = max(x%error, e(1, 2))
+        x%estimate%error = max(x%estimate%error, e(1, 2))
       end if
     end if
   end subroutine estimate_error
@@ -118,8 +119,8 @@ contains
         if (method%estimate == at_end_estimate) i = 1 + k
         part = merge(2 - mod(k, 2), 1, method%estimate == parts_of_sums_estimate)
         weight = x%h * method%error(:, k)
-        if (size(x%added) > 0) then
-          call combine(size(u), size(x%f, 2), weight, x%added, u)
+        if (size(x%estimate%added) > 0) then
+          call combine(size(u), size(x%f, 2), weight, x%estimate%added, u)
           call remove_isotropy(x%frame, x%y(:, x%result), u)
           call take_larger(e(2, i), displacement_norm(x))
           x%v(:, 1) = u                      ! the rest; all flows have been followed
@@ -127,7 +128,7 @@ contains
         call combine(size(u), size(x%f, 2), weight, x%f, u)
         if (method%kind == collocation_kind) call damp_displacement(x)
         call remove_isotropy(x%frame, x%y(:, x%result), u)
-        if (size(x%added) > 0) u = u - x%v(:, 1)
+        if (size(x%estimate%added) > 0) u = u - x%v(:, 1)
         error = displacement_norm(x)
         if (method%kind == polynomial_kind) error = hypot(e(1, i), error)
         call take_larger(e(part, i), error)
@@ -160,8 +161,8 @@ contains
     end do
     power = 1 / x%tolerances%exponent
     ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
-    x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
-    if (change > max_change) x%error = max(x%error, (change / max_change)**power)
+    x%estimate%error = max(x%estimate%error, rest * (change / unit_of_change)**(power - 3))
+    if (change > max_change) x%estimate%error = max(x%estimate%error, (change / max_change)**power)
   end subroutine raise_by_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power
@@ -184,8 +185,8 @@ contains
     excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
     if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
-    if (excess <= max(x%error, min_excess)) return
-    if (.not. variation(x) <= 1) x%error = excess
+    if (excess <= max(x%estimate%error, min_excess)) return
+    if (.not. variation(x) <= 1) x%estimate%error = excess
   end subroutine raise_by_angle
 
   ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what

@@ -16,7 +16,8 @@ module implicit_m
   use vectors_m, only: dgetrf, dgetrs
   use paths_m, only: request_on_path
   use requests_m, only: reject_stage
-  use trajectory_m
+  use phases_m, only: phase_finish_step, phase_next_stage
+  use trajectory_m, only: trajectory_t
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private

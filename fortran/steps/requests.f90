@@ -10,7 +10,9 @@ module requests_m
   use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
                             out_of_memory, raised, raised_in_python, rhs_not_finite, &
                             splitting_kind, stage_not_finite, stopped_by_rhs
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, point_at, query_event, query_numbers, query_theta, query_time, &
+                          time_at, trajectory_t
   use inputs_m, only: evaluate_rhs
   use vectors_m, only: add_columns, copy, finite
   implicit none
@@ -124,11 +126,11 @@ contains
     real(wp), intent(in) :: t
 
     x%status = finished
-    if (x%interpolate_only .or. .not. x%problem%adaptive) then
-      if (.not. x%interpolate_only) x%counts%steps = x%counts%steps - 1
+    if (x%outputs%interpolant_only .or. .not. x%problem%adaptive) then
+      if (.not. x%outputs%interpolant_only) x%counts%steps = x%counts%steps - 1
       call fail(x, status, t)
     else if (x%problem%record%common) then
-      x%error = huge(1.0_wp)
+      x%estimate%error = huge(1.0_wp)
       call share(x, 1.0_wp, phase_step_shared)
     else
       call retry_step(x)
@@ -144,7 +146,7 @@ contains
     x%control%after_rejection = .true.
     x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%tolerances%exponent)
     x%phase = phase_choose_step
-    if (allocated(x%zeros)) deallocate (x%zeros)
+    if (allocated(x%search%zeros)) deallocate (x%search%zeros)
   end subroutine retry_step
 
   ! Goes to the phase `next` with a number; trajectories with common steps get their largest number.
@@ -164,8 +166,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: error
 
-    x%error = merge(error, huge(error), error < huge(error))
-    call share(x, x%error, phase_decide_step)
+    x%estimate%error = merge(error, huge(error), error < huge(error))
+    call share(x, x%estimate%error, phase_decide_step)
   end subroutine share_error
 
   ! Evaluates the function of an event at a fraction theta of the step, or for event 0 those of all
@@ -180,9 +182,9 @@ contains
     integer :: alloc_status, i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), &
+    associate (query => x%queries%columns(:, :x%queries%answered), &
                offset => query_numbers + x%frame%point_size + max(event, 1) - 1)
-      if (x%answered > 0) k = findloc( &
+      if (x%queries%answered > 0) k = findloc( &
         nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, .true., 1)
       if (k > 0) then
         values = query(offset + 1:offset + size(values), k)
@@ -190,16 +192,17 @@ contains
         return
       end if
     end associate
-    associate (y => x%request%y, t => time_at(x, theta))     ! y is free: no request is pending
+    associate (y => x%point, t => time_at(x, theta), queries => x%queries)
       call point_at(x, theta, y)
       if (x%problem%events%vectorized) then
-        if (x%queries == size(x%query, 2)) call add_columns(x%query, 1, alloc_status)
-        if (x%queries == size(x%query, 2)) then
+        if (queries%count == size(queries%columns, 2)) &
+          call add_columns(queries%columns, 1, alloc_status)
+        if (queries%count == size(queries%columns, 2)) then
           call fail(x, out_of_memory, t)
           return
         end if
-        x%queries = x%queries + 1
-        x%query(:query_numbers + size(y), x%queries) = [ &
+        queries%count = queries%count + 1
+        queries%columns(:query_numbers + size(y), queries%count) = [ &
           real(event, wp), theta, t, real(x%member - 1, wp), y]
         x%status = needs_events
         return

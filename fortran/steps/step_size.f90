@@ -16,7 +16,8 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: max_step_at, make_grid
   use requests_m, only: evaluate_at_start, request, share
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
   use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
                             splitting_kind, step_too_small, time_not_finite, too_many_steps
@@ -48,9 +49,8 @@ contains
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
       if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. ( &
-          x%grid%stop /= stop .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
+          x%grid%stop /= stop .or. x%grid%start + real(x%grid%done, wp) * x%grid%step /= x%t)) then
         call make_grid(x%t, stop, x%problem%record%h, x%grid)
-        x%grid_done = 0
       end if
       x%h = sign(x%h, stop - x%t)
     end associate
@@ -157,15 +157,15 @@ contains
       call choose_adaptively(x, x%problem%stops(x%segment))
     else
       x%h = x%grid%step
-      x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
-      if (x%grid_done + 1 == x%grid%steps) then
+      x%t_end = x%grid%start + real(x%grid%done + 1, wp) * x%grid%step
+      if (x%grid%done + 1 == x%grid%steps) then
         x%h = x%grid%last
         x%t_end = x%problem%stops(x%segment)
       end if
     end if
     if (x%status /= finished) return
-    if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
-    x%weight_h = x%h
+    if (x%h /= x%scaled%h) x%scaled%weight(:) = x%h * x%method%flows%weight
+    x%scaled%h = x%h
     x%stage = 1
     x%collocation%iteration = 0
     x%implicit%first_stage = 0
@@ -192,7 +192,7 @@ contains
       control%step_size = tried_size(control%step_size, min_size, abs(stop - x%t), &
                                      min(max_step_by_turn(x), longest), control%after_rejection)
       if (control%step_size < 0) then
-        if (.not. (x%problem%record%common .and. x%error <= 1)) then
+        if (.not. (x%problem%record%common .and. x%estimate%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
