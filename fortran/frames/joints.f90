@@ -16,7 +16,7 @@ module joints_m
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_space, between_axes, coincident_axes, constraints_operation, &
-                            finished, fixed_length, out_of_memory, raised, so3_block
+                            fixed_length, no_stop, out_of_memory, raised, so3_block
   use vectors_m, only: cross
   implicit none
   private
@@ -122,7 +122,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
     integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
     type(constraints_t), intent(inout) :: c
-    integer, intent(out) :: status                     ! finished, raised or out_of_memory
+    integer, intent(out) :: status                     ! no_stop, raised or out_of_memory
     type(pose_t) :: pose(0:ubound(linkage%attitude, 1))
     real(wp) :: omega(merge(linkage%forces, 0, depth == 2))
     integer :: alloc_status, i
@@ -136,8 +136,8 @@ contains
       end associate
     end if
     c%factored = .false.
-    status = merge(finished, out_of_memory, alloc_status == 0)
-    if (status /= finished) return
+    status = merge(no_stop, out_of_memory, alloc_status == 0)
+    if (status /= no_stop) return
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
     do i = 0, ubound(pose, 1)

@@ -21,7 +21,7 @@ module run_m
   use output_m, only: output_t, store_point, store_step
   use requests_m, only: check_coefficients
   use shared_numbers, only: counters_t, event_columns, events_operation, finished, &
-                            interpolant_columns, needs_events, needs_maximum, needs_rhs, &
+                            interpolant_columns, needs_events, needs_maximum, needs_rhs, no_stop, &
                             observer_failed, observer_record_t, out_of_memory, paused, &
                             polynomial_kind, raised, raised_in_python, rhs_operation, &
                             state_columns, terminal_event
@@ -256,7 +256,7 @@ contains
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
-    run%output%status = finished
+    run%output%status = no_stop
     drive_all: do
       waits = .false.
       stops = .false.
@@ -336,7 +336,7 @@ contains
           lane%outputs%passed = 1
         end if
       end if
-      if (run%output%status /= finished) &
+      if (run%output%status /= no_stop) &
         call fail(lane, run%output%status, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
@@ -430,7 +430,7 @@ contains
 
     associate (lanes => run%lanes, n => run%frame%point_size)
       waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
-      lanes(waiting)%status = finished
+      lanes(waiting)%status = no_stop
       counts = lanes(waiting)%queries%count - lanes(waiting)%queries%answered
       total = sum(counts)
       allocate (query(query_numbers + n + run%events%count, total), values(total), &

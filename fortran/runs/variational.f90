@@ -16,7 +16,7 @@ module variational_m
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, max_length_ratio, &
+  use shared_numbers, only: df_dp_failed, f_failed, jac_failed, max_length_ratio, no_stop, &
                             noise_failed, products_failed, raised, raised_in_python, variation_t
   use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
@@ -257,7 +257,7 @@ contains
       call complete_forces(frame, y, logical(record%forces_alone), &
                            .not. logical(record%forces_alone), f, status)
       if (status == raised) self%code = raised_in_python
-      if (status /= finished) f = nan
+      if (status /= no_stop) f = nan
     end associate
   end subroutine call_f
 

@@ -13,7 +13,7 @@ module accepted_step_m
   use phases_m
   use trajectory_m, only: fail, forget_step, last_step_times_t, point_at, time_at, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: callback_block, finished, jumps_without_progress, observer_failed, &
+  use shared_numbers, only: callback_block, jumps_without_progress, no_stop, observer_failed, &
                             paused, polynomial_kind, registers_kind, splitting_kind, &
                             step_too_long, terminal_event
   use vectors_m, only: finite, nan
@@ -39,7 +39,7 @@ contains
     x%search%active = size(x%events) > 0
     if (x%search%active) then
       call evaluate_events(x, 0, 1.0_wp, x%events%at_end)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid%done = x%grid%done + 1
@@ -84,7 +84,7 @@ contains
     x%search%active = size(x%search%zeros) > 0
     if (x%outputs%need_interpolant .or. .not. x%search%active) deallocate (x%search%zeros)
     x%outputs%need_interpolant = x%outputs%need_interpolant .or. has_output(x, output)
-    if (x%outputs%need_interpolant .and. x%status == finished) call interpolate(x)
+    if (x%outputs%need_interpolant .and. x%status == no_stop) call interpolate(x)
   end subroutine detect_events
 
   ! Finds the events of a step. Trajectories with common steps then accept it together.
@@ -95,7 +95,7 @@ contains
     if (x%search%active .and. .not. x%outputs%interpolant_only &
         .and. .not. allocated(x%search%zeros)) then
       call find_zeros(x)
-      if (x%status /= finished .or. .not. allocated(x%search%zeros)) return
+      if (x%status /= no_stop .or. .not. allocated(x%search%zeros)) return
     end if
     x%phase = phase_store_output
     if (x%outputs%interpolant_only) return
@@ -167,9 +167,9 @@ contains
       end if
       if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
         call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
-        if (status == finished) &
+        if (status == no_stop) &
           call add_constraint_forces(x%frame, self%y1, .true., self%vectors(:, 2), status)
-        if (status /= finished) then
+        if (status /= no_stop) then
           call fail(x, status, self%t0)
           return
         end if
@@ -249,14 +249,14 @@ contains
       call store_interpolant(output, x%member, x%t, x%interpolant)
       x%outputs%interpolant_only = .false.
       x%phase = phase_choose_step
-      x%status = merge(paused, output%status, output%status == finished)
+      x%status = merge(paused, output%status, output%status == no_stop)
       return
     end if
     by_event = .false.
     if (x%search%active) then
       ! the interpolant has all its nodes, so that their memory is free
       call store_zeros(x, output, theta_end, by_event, x%interpolant%y)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
       deallocate (x%search%zeros)
     end if
     if (by_event) then
@@ -278,8 +278,8 @@ contains
     call store_outputs(x, t, y, output)
     if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
     last = by_event .or. t == x%problem%stops(size(x%problem%stops))
-    if (output%status == finished) call store_step(output, x%counts%steps, t, y, last)
-    if (output%status /= finished) then
+    if (output%status == no_stop) call store_step(output, x%counts%steps, t, y, last)
+    if (output%status /= no_stop) then
       call fail(x, output%status, t, observer_failed)
       return
     end if
@@ -357,7 +357,7 @@ contains
         end associate
         outputs%passed = outputs%passed + 1
         call store_point(output, x%member, outputs%passed, point)
-        if (output%status /= finished) return
+        if (output%status /= no_stop) return
       end do
     end associate
   end subroutine store_outputs

@@ -32,7 +32,7 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, &
+  use shared_numbers, only: algebra_kind, joints_not_solved, no_stop, polynomial_kind, &
                             registers_kind, splitting_kind, step_too_long
   use phases_m, only: phase_next_stage, phase_stage_received
   use trajectory_m, only: fail, trajectory_t
@@ -60,7 +60,7 @@ contains
     parts = [1.0_wp, 0.5_wp]                 ! the middle is in a drift
     if (modulo(size(x%method%c), 2) == 1) parts = [0.5_wp, 0.0_wp]           ! it is in a kick
     call move_part(x, path, parts, y)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     associate (momenta => y(x%frame%momenta_offset + 1:))
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
@@ -78,7 +78,7 @@ contains
     integer :: k
 
     if (x%frame%jointed) call find_constraints(x, y)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
                time => parts(2) * (x%h * x%method%scheme%drift(x%method%path_first(path))), &
                momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
@@ -106,7 +106,7 @@ contains
     end if
     x%joints%configuration = y(:x%frame%linkage%momenta_offset)
     call constraints_at(x%frame, y, 1, x%joints%constraints, status)
-    if (status /= finished) call fail(x, status, x%t)
+    if (status /= no_stop) call fail(x, status, x%t)
   end subroutine find_constraints
 
   ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
@@ -132,7 +132,7 @@ contains
         call drift(x%frame, time, y)
         x%counts%nexp = x%counts%nexp + 1
         call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, trial, status)
-        if (status /= finished) exit
+        if (status /= no_stop) exit
         trial%scale(linkage%joint_rows + 1:) = start%scale(linkage%joint_rows + 1:)
         trial%min_scale(linkage%joint_rows + 1:) = start%min_scale(linkage%joint_rows + 1:)
         if (is_closed(trial, opening)) exit
@@ -145,7 +145,7 @@ contains
       impulse(:, 2) = impulse(:, 1)
       if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
       impulse(:, 1) = lambda
-      if (status /= finished) then
+      if (status /= no_stop) then
         call fail(x, status, x%t)
       else if (i > max_iterations .or. .not. opening < huge(opening)) then
         call fail(x, joints_not_solved, x%t)
@@ -191,7 +191,7 @@ contains
       select case (x%method%kind)
       case (splitting_kind)
         call move_by_splitting(x, i, x%y(:, i))
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         if (x%frame%jointed) cycle           ! drifts with joints have counted and restored
       case (polynomial_kind)
         call move_polynomially(x%frame%blocks(1)%action, x%v(:, :after_last - first), &
@@ -245,7 +245,7 @@ contains
     else
       path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
       call follow_paths(x, path)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path

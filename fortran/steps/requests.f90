@@ -7,7 +7,7 @@ module requests_m
   use free_motion_m, only: complete_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
-  use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
+  use shared_numbers, only: joints_not_solved, needs_events, needs_maximum, needs_rhs, no_stop, &
                             out_of_memory, raised, raised_in_python, rhs_not_finite, &
                             splitting_kind, stage_not_finite, stopped_by_rhs
   use phases_m
@@ -82,11 +82,11 @@ contains
         call complete_forces(x%frame, y, splits, .not. splits .or. x%phase == phase_node_received, &
                              f, status)
         if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
-        if (all(status /= [finished, joints_not_solved])) call fail(x, status, x%request%t)
-        if (status /= finished) return
+        if (all(status /= [no_stop, joints_not_solved])) call fail(x, status, x%request%t)
+        if (status /= no_stop) return
       end if
       if (code == 0 .and. finite(size(f), f)) then
-        x%status = finished
+        x%status = no_stop
       else if (code == raised_in_python) then
         call fail(x, raised, x%request%t)
       else if (.not. finite(size(y), y)) then
@@ -109,10 +109,10 @@ contains
       call reject_accepted_step(x, status, t)
     else if (x%phase == phase_curvature_received) then
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
-      x%status = finished
+      x%status = no_stop
     else if (x%problem%adaptive .and. any(x%phase == [ &
              phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received])) then
-      x%status = finished
+      x%status = no_stop
       call share_error(x, huge(1.0_wp))
     else
       call fail(x, status, t)
@@ -125,7 +125,7 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    x%status = finished
+    x%status = no_stop
     if (x%outputs%interpolant_only .or. .not. x%problem%adaptive) then
       if (.not. x%outputs%interpolant_only) x%counts%steps = x%counts%steps - 1
       call fail(x, status, t)
@@ -222,7 +222,7 @@ contains
     real(wp) :: values(size(x%events)), smallest
 
     call evaluate_events(x, 0, 0.0_wp, values)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
     x%events_known = .true.
     x%events%at_start = values

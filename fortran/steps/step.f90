@@ -14,8 +14,8 @@ module step_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: finite
-  use shared_numbers, only: at_end_estimate, collocation_kind, finished, implicit_kind, &
-                            max_suspicion, needs_rhs, raised_by_rejection, registers_kind, &
+  use shared_numbers, only: at_end_estimate, collocation_kind, implicit_kind, max_suspicion, &
+                            needs_rhs, no_stop, raised_by_rejection, registers_kind, &
                             solution_not_finite
   implicit none
   private
@@ -94,7 +94,7 @@ contains
     do k = 1, times
       x%request%answer(:m) = answers(:, k)
       if (k == times .or. .not. finite(m, answers(:, k))) return
-      x%status = finished
+      x%status = no_stop
       call receive_stage(x)
       if (x%phase /= phase_next_stage) return          ! the step is rejected
       x%counts%nfev = x%counts%nfev + 1
@@ -113,7 +113,7 @@ contains
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
       if (size(x%method%bracket, 3) > 0) call find_brackets(x)
       call follow_paths(x, last)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     x%phase = phase_decide_step
     if (x%problem%adaptive) then

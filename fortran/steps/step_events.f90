@@ -17,9 +17,9 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
-                            parts_of_turn, raised, resting_contact, splitting_kind, step_too_long, &
-                            step_too_long_for_events
+  use shared_numbers, only: callback_block, event_record_t, needs_events, no_stop, out_of_memory, &
+                            parts_of_turn, raised, resting_contact, splitting_kind, &
+                            step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
   implicit none
   private
@@ -80,7 +80,7 @@ contains
     do i = 1, max_root_iterations
       new%theta = a%theta + part * (b%theta - a%theta)
       call evaluate_sample(x, event, new)
-      if (x%status /= finished) exit
+      if (x%status /= no_stop) exit
       c = b
       if (new%value * sign(1.0_wp, a%value) > 0) then
         c = a
@@ -157,7 +157,7 @@ contains
     x%search%zeros = [zero_t ::]
     if (n == min_parts) then
       call evaluate_events(x, 0, 0.5_wp, middle)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
       if (all(keeps_sign(x%events, middle))) return
     end if
     allocate (theta(0:n), values(0:n, size(x%events)), stat=alloc_status)
@@ -166,15 +166,15 @@ contains
       return
     end if
     call evaluate_parts(x, middle, theta, values)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     waits = .false.
     do i = 1, size(values, 2)
       if (x%events(i)%sign_before /= 0) call find_after_event(x, i, theta, values(:, i))
-      if (x%status == finished) call find_zeros_of_event(x, i, theta, values(:, i))
+      if (x%status == no_stop) call find_zeros_of_event(x, i, theta, values(:, i))
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
-        x%status = finished
-      else if (x%status /= finished) then
+        x%status = no_stop
+      else if (x%status /= no_stop) then
         return
       end if
     end do
@@ -197,7 +197,7 @@ contains
     do begin = merge(1, 2, n == min_parts), 1, -1      ! with four parts the even ones are known
       do k = begin, n - 1, 2
         call evaluate_events(x, 0, theta(k), values(k, :))
-        if (all(x%status /= [finished, needs_events])) return
+        if (all(x%status /= [no_stop, needs_events])) return
       end do
       if (x%status == needs_events) return
     end do
@@ -244,15 +244,15 @@ contains
     pair = 0
     do k = 1, ubound(theta, 1)
       call add_zero(x, event, sample_t(theta(k - 1), values(k - 1)), sample_t(theta(k), values(k)))
-      if (x%status /= finished .or. k == ubound(theta, 1)) return
+      if (x%status /= no_stop .or. k == ubound(theta, 1)) return
       call find_turning_point(x, event, theta(k - 1:k + 1), values(k - 1:k + 1), extremum, exists)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
       if (.not. exists .or. (extremum%theta < theta(k) .and. pair == k)) cycle
       pair = merge(k, k + 1, extremum%theta < theta(k))
       call add_zero(x, event, sample_t(theta(pair - 1), values(pair - 1)), extremum)
-      if (x%status == finished) &
+      if (x%status == no_stop) &
         call add_zero(x, event, extremum, sample_t(theta(pair), values(pair)))
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end do
   end subroutine find_zeros_of_event
 
@@ -298,7 +298,7 @@ contains
         extremum%value = -values(1)
         if (exists .or. detects .and. minimum > minval(v) / 2) return
         call evaluate_sample(x, event, extremum)
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         exists = extremum%value * sign(1.0_wp, values(1)) <= 0
         if (exists) return
         call narrow(theta, v, vertex, abs(extremum%value))
@@ -396,7 +396,7 @@ contains
         ! times much shorter than the time since the event tell no more about its power
         if (point%theta < elapsed / 16 .or. power_of_growth(elapsed, samples, 3) < max_passing) exit
         call evaluate_sample(x, event, point)
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         point%rounding = rounding_at(x, event, point%theta, values(n))
         if (abs(point%value) <= point%rounding) exit
         if (point%value * side > 0) then
@@ -478,12 +478,12 @@ contains
           theta_end = zeros(k)%theta
           x%events(pack(zeros%event, .not. zeros%stored))%residual = 0.0_wp
           call find_together(x, theta_end, together)
-          if (x%status /= finished) return
+          if (x%status /= no_stop) return
         end if
         call store_together(x, zeros(k)%theta, y, together, output, after)
         if (ended) state(pack(zeros%event, together))%sign_before = &
           pack(zeros%sign_before, together)
-        if (x%status /= finished .or. ended) return
+        if (x%status /= no_stop .or. ended) return
         zeros(k)%stored = .true.
       end do
     end associate
@@ -506,7 +506,7 @@ contains
         if (together(k)) cycle
         sample%theta = theta
         call evaluate_sample(x, zeros(k)%event, sample)
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         together(k) = sample%value * real(zeros(k)%sign_before, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%theta) - t) <= resolution(t)
         ! the zero, which is yet to come, isn't another event

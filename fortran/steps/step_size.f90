@@ -19,7 +19,7 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
+  use shared_numbers, only: max_growth, no_stop, raised, size_failed, slope_not_finite, &
                             splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
@@ -44,7 +44,7 @@ contains
     end if
     if (x%problem%events%count > 0 .and. .not. x%events_known) then
       call evaluate_at_start(x)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
@@ -149,7 +149,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%control%attempts >= x%problem%record%max_steps) call fail(x, too_many_steps, x%t)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     x%control%attempts = x%control%attempts + 1
     if (x%problem%step_function%count > 0) then
       call choose_reversibly(x, x%problem%stops(x%segment))
@@ -163,7 +163,7 @@ contains
         x%t_end = x%problem%stops(x%segment)
       end if
     end if
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     if (x%h /= x%scaled%h) x%scaled%weight(:) = x%h * x%method%flows%weight
     x%scaled%h = x%h
     x%stage = 1
@@ -255,7 +255,7 @@ contains
     call apply_flows(x%frame, 1, v, y)
     call x%problem%step_function%observe(x%member, x%t, y, values, x%status)
     value = values(1)
-    if (x%status == finished .and. value > 0 .and. value <= huge(value)) return
+    if (x%status == no_stop .and. value > 0 .and. value <= huge(value)) return
     value = 1.0_wp
     call fail(x, raised, x%t, size_failed)
   end subroutine evaluate_size
