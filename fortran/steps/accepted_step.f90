@@ -36,20 +36,19 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    x%search%active = size(x%events) > 0
-    if (x%search%active) then
+    if (size(x%events) > 0) then
       call evaluate_events(x, 0, 1.0_wp, x%events%at_end)
       if (x%status /= no_stop) return
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid%done = x%grid%done + 1
-    x%outputs%need_interpolant = .not. x%search%active .and. has_output(x, output)
+    x%outputs%need_interpolant = size(x%events) == 0 .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (x%search%active) x%outputs%need_interpolant = any(x%events%sign_before /= 0 .or. &
+    if (size(x%events) > 0) x%outputs%need_interpolant = any(x%events%sign_before /= 0 .or. &
       (crosses(x%events%at_start, x%events%at_end, x%problem%events%table) .and. &
        (x%events%at_end /= 0 .or. &
         (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
-    if (x%outputs%need_interpolant .or. x%search%active) call request_ends(x)
+    if (x%outputs%need_interpolant .or. size(x%events) > 0) call request_ends(x)
   end subroutine examine_step
 
   ! Whether there is output before the end of the step
@@ -71,18 +70,17 @@ contains
     integer :: k
 
     call find_zeros(x)
-    if (.not. allocated(x%search%zeros)) return        ! values are requested, or the step fails
+    if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
     x%phase = phase_complete_step
     x%outputs%need_interpolant = .false.
     ! a stepper may interpolate in a step that an event ends
-    do k = 1, size(x%search%zeros)
-      associate (zero => x%search%zeros(k), i => x%search%zeros(k)%event)
+    do k = 1, size(x%zeros)
+      associate (zero => x%zeros(k), i => x%zeros(k)%event)
         if (zero%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
             ends_step(x%events(i), x%problem%events%table(i)))) x%outputs%need_interpolant = .true.
       end associate
     end do
-    x%search%active = size(x%search%zeros) > 0
-    if (x%outputs%need_interpolant .or. .not. x%search%active) deallocate (x%search%zeros)
+    if (x%outputs%need_interpolant) deallocate (x%zeros)         ! they aren't accurate
     x%outputs%need_interpolant = x%outputs%need_interpolant .or. has_output(x, output)
     if (x%outputs%need_interpolant .and. x%status == no_stop) call interpolate(x)
   end subroutine detect_events
@@ -92,10 +90,9 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    if (x%search%active .and. .not. x%outputs%interpolant_only &
-        .and. .not. allocated(x%search%zeros)) then
+    if (size(x%events) > 0 .and. .not. (x%outputs%interpolant_only .or. allocated(x%zeros))) then
       call find_zeros(x)
-      if (x%status /= no_stop .or. .not. allocated(x%search%zeros)) return
+      if (x%status /= no_stop .or. .not. allocated(x%zeros)) return
     end if
     x%phase = phase_store_output
     if (x%outputs%interpolant_only) return
@@ -253,11 +250,11 @@ contains
       return
     end if
     by_event = .false.
-    if (x%search%active) then
+    if (allocated(x%zeros)) then
       ! the interpolant has all its nodes, so that their memory is free
       call store_zeros(x, output, theta_end, by_event, x%interpolant%y)
       if (x%status /= no_stop) return
-      deallocate (x%search%zeros)
+      deallocate (x%zeros)
     end if
     if (by_event) then
       call store_until(x, time_at(x, theta_end), x%interpolant%y, by_event, output)
@@ -314,7 +311,7 @@ contains
     x%phase = merge(phase_begin_segment, phase_choose_step, at_stop)
     x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
-    if (jumps) call forget_step(x)
+    if (jumps) call forget_step(x, near=.false.)
     if (.not. by_event) then
       x%events%at_start = x%events%at_end
     else if (any(x%events%count >= x%problem%events%table%limit) &
@@ -341,7 +338,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
 
-    associate (point => x%point, outputs => x%outputs)
+    associate (point => x%point, outputs => x%outputs, inner => x%problem%inner)
       do while (outputs%passed < output%outputs)
         associate (time => output%times(outputs%passed + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
@@ -349,7 +346,7 @@ contains
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%problem%inner%y(:, outputs%passed + 1 - outputs%inner_from)
+            point = inner%y(:, outputs%passed + 1 - inner%from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
@@ -369,10 +366,10 @@ contains
     integer :: count
 
     count = min(size(x%problem%inner%theta), output%outputs - x%outputs%passed)
-    x%outputs%inner_from = x%outputs%passed
     associate (inner => x%problem%inner, &
                times => output%times(x%outputs%passed + 1:x%outputs%passed + count))
       inner%owner = x%member
+      inner%from = x%outputs%passed
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
     end associate
@@ -383,14 +380,14 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (point => x%point, inner => x%problem%inner, passed => x%outputs%passed, &
+    associate (point => x%point, inner => x%problem%inner, &
                first => x%method%path_first(x%method%result), &
                last => x%method%path_first(x%method%result + 1) - 1)
       ! members with common steps may have prepared points of theirs in the meantime
-      if (inner%owner == x%member .and. passed - x%outputs%inner_from < inner%count) return
+      if (inner%owner == x%member .and. x%outputs%passed - inner%from < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
-      call combine_flows(x%method%flows, x%scaled%weight, first, last, size(x%f, 1), x%f, x%v)
+      call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
       call move_polynomially(x%frame%blocks(1)%action, x%v(:, :last - first + 1), 0.0_wp, point, &
                              inner)
       x%counts%nexp = x%counts%nexp + 1

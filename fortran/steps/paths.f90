@@ -83,7 +83,7 @@ contains
                time => parts(2) * (x%h * x%method%scheme%drift(x%method%path_first(path))), &
                momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
       do k = flows%first(flow), flows%first(flow + 1) - 1
-        momenta = momenta + (parts(1) * x%scaled%weight(k)) * x%f(m + 1:, flows%stage(k))
+        momenta = momenta + (parts(1) * x%weight(k)) * x%f(m + 1:, flows%stage(k))
       end do
       if (x%frame%jointed .and. time /= 0) then
         call drift_closed(x, time, path, y)
@@ -187,7 +187,7 @@ contains
       after_last = x%method%path_first(i + 1)
       call copy(x%frame%point_size, x%y(:, x%method%origin(i)), x%y(:, i))
       if (x%method%kind /= splitting_kind) call combine_flows( &
-        x%method%flows, x%scaled%weight, first, after_last - 1, x%frame%dimension, x%f, x%v)
+        x%method%flows, x%weight, first, after_last - 1, x%frame%dimension, x%f, x%v)
       select case (x%method%kind)
       case (splitting_kind)
         call move_by_splitting(x, i, x%y(:, i))
@@ -270,7 +270,7 @@ contains
       associate (path => x%method%stage_path(x%stage), f => x%f(:, x%stage))
         ! v has the coefficients of the flow that was followed last, unless an error was estimated
         if (x%paths_followed /= path .or. x%stage == x%method%final_stage) &
-          call combine_flows(x%method%flows, x%scaled%weight, x%method%path_first(path), &
+          call combine_flows(x%method%flows, x%weight, x%method%path_first(path), &
                              x%method%path_first(path), size(f), x%f, x%v)
         call dexpinv(x%frame, x%method%series, x%v(:, 1), f, exists)
         if (size(x%estimate%added) > 0) x%estimate%added(:, x%stage) = f - x%request%answer

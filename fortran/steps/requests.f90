@@ -146,7 +146,7 @@ contains
     x%control%after_rejection = .true.
     x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%tolerances%exponent)
     x%phase = phase_choose_step
-    if (allocated(x%search%zeros)) deallocate (x%search%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
   end subroutine retry_step
 
   ! Goes to the phase `next` with a number; trajectories with common steps get their largest number.

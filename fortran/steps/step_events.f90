@@ -125,14 +125,14 @@ contains
   ! Finds the zeros of all events in a step, unless it is too long or a function fails. While values
   ! are requested, nothing changes. Before the interpolant is complete, times aren't computed.
   subroutine find_zeros(x)
-    type(trajectory_t), intent(inout) :: x   ! x%search%zeros are set
+    type(trajectory_t), intent(inout) :: x   ! x%zeros are set
     type(event_state_t), allocatable :: events(:)
 
     if (x%problem%events%vectorized) events = x%events
     call try_to_find_zeros(x)
     if (x%status == needs_events .and. allocated(events)) then
       x%events(:) = events
-      if (allocated(x%search%zeros)) deallocate (x%search%zeros)
+      if (allocated(x%zeros)) deallocate (x%zeros)
     end if
   end subroutine find_zeros
 
@@ -154,7 +154,7 @@ contains
       if (.not. x%problem%adaptive) call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    x%search%zeros = [zero_t ::]
+    x%zeros = [zero_t ::]
     if (n == min_parts) then
       call evaluate_events(x, 0, 0.5_wp, middle)
       if (x%status /= no_stop) return
@@ -350,8 +350,7 @@ contains
     if (.not. crosses(low%value, high%value, x%problem%events%table(event))) return
     zero = high%theta
     if (high%value /= 0 .and. x%interpolant%complete) call find_zero(x, event, low, high, zero)
-    x%search%zeros = [x%search%zeros, &
-                      zero_t(max(zero, tiny(zero)), event, merge(-1, 1, low%value < 0))]
+    x%zeros = [x%zeros, zero_t(max(zero, tiny(zero)), event, merge(-1, 1, low%value < 0))]
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function g is zero at the start of the step up to
@@ -460,13 +459,13 @@ contains
     real(wp), intent(out) :: theta_end                 ! where the step ends, as a fraction of it
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
-    logical :: together(size(x%search%zeros))
+    logical :: together(size(x%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     theta_end = 1.0_wp
     ended = .false.
-    associate (state => x%events, events => x%problem%events, zeros => x%search%zeros)
+    associate (state => x%events, events => x%problem%events, zeros => x%zeros)
       do while (.not. all(zeros%stored))
         k = minloc(zeros%theta, 1, .not. zeros%stored)
         ended = any(.not. zeros%stored .and. zeros%theta <= zeros(k)%theta + same_time_tolerance &
@@ -498,7 +497,7 @@ contains
     type(sample_t) :: sample
     integer :: k
 
-    associate (zeros => x%search%zeros, t => time_at(x, theta))
+    associate (zeros => x%zeros, t => time_at(x, theta))
       do k = 1, size(together)
         if (zeros(k)%stored .or. zeros(k)%theta > theta + decided_by_rounding) cycle
         if (any(together .and. zeros%event == zeros(k)%event)) cycle
@@ -529,8 +528,8 @@ contains
     integer :: k
 
     after = y
-    associate (events => x%problem%events, zeros => x%search%zeros, t => time_at(x, theta), &
-               those => pack(x%search%zeros%event, together)) ! one of each event
+    associate (events => x%problem%events, zeros => x%zeros, t => time_at(x, theta), &
+               those => pack(x%zeros%event, together)) ! one of each event
       x%events(those)%time = t
       jumps = together .and. events%table(zeros%event)%jumps /= 0 .and. (x%problem%record%goes_on &
               .or. x%events(zeros%event)%count + 1 < events%table(zeros%event)%limit)

@@ -164,8 +164,7 @@ contains
       end if
     end if
     if (x%status /= no_stop) return
-    if (x%h /= x%scaled%h) x%scaled%weight(:) = x%h * x%method%flows%weight
-    x%scaled%h = x%h
+    x%weight(:) = x%h * x%method%flows%weight
     x%stage = 1
     x%collocation%iteration = 0
     x%implicit%first_stage = 0

@@ -122,12 +122,6 @@ module trajectory_m
     real(wp) :: h_before = 0.0_wp            ! signed size of that step, 0 without one
   end type estimate_t
 
-  ! The weights of the method's flows, times a step size
-  type :: scaled_weights_t
-    real(wp) :: h = 0.0_wp
-    real(wp), allocatable :: weight(:)       ! (terms)
-  end type scaled_weights_t
-
   ! A zero of the function of an event within a step
   type :: zero_t
     real(wp) :: theta = 0.0_wp               ! fraction of the step
@@ -145,12 +139,6 @@ module trajectory_m
     real(wp) :: residual = 0.0_wp            ! the function at that event, its rounding error there
     real(wp) :: zero_tolerance = 0.0_wp      ! values up to it count as zero after events
   end type event_state_t
-
-  ! The search for events within a step
-  type :: search_t
-    logical :: active = .false.              ! whether zeros are sought along the interpolant
-    type(zero_t), allocatable :: zeros(:)    ! those found, until the step is stored
-  end type search_t
 
   ! Values of events that are requested, or known by an answer
   type :: queries_t
@@ -174,7 +162,6 @@ module trajectory_m
     logical :: need_interpolant = .false.
     logical :: interpolant_only = .false.    ! the interpolant of the last step, and no step
     integer :: passed = 0                    ! output times passed
-    integer :: inner_from = 0                ! those passed when problem%inner was prepared
   end type outputs_t
 
   ! The joints of a splitting method's frame
@@ -216,7 +203,7 @@ module trajectory_m
     ! step_size_m, which starts a step
     integer :: segment = 1
     real(wp) :: t_end = 0.0_wp               ! the end of the step
-    type(scaled_weights_t) :: scaled
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times h
     ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
     integer :: stage = 1
     integer :: paths_followed = 0
@@ -240,7 +227,7 @@ module trajectory_m
     type(last_step_t) :: last
     ! step_events_m, and requests_m, which evaluates functions of events
     type(event_state_t), allocatable :: events(:)
-    type(search_t) :: search
+    type(zero_t), allocatable :: zeros(:)    ! within the step, once they are known
     type(queries_t) :: queries
     ! any phase: workspace for a point within the step
     real(wp), allocatable :: point(:)        ! (point_size)
@@ -267,7 +254,7 @@ contains
       x%result = merge(1, method%result, method%kind == registers_kind)
       width = merge(size(problem%tolerances%atol), 0, problem%adaptive)
       allocate (x%request%y(n), x%request%slope(merge(n, 0, frame%derivatives)), &
-                x%request%answer(m), x%scaled%weight(size(method%flows%weight)), &
+                x%request%answer(m), x%weight(size(method%flows%weight)), &
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
                 x%slope(m), x%end_slope(m), x%events(events), &
                 x%queries%columns(query_numbers + n + events, 0), x%norms%scale(width), &
@@ -352,16 +339,15 @@ contains
   ! Forgets the step before, where the right-hand side or the solution may jump.
   pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
-    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may still serve
+    logical, intent(in) :: near              ! whether polynomial and Jacobian may still serve
 
     x%estimate%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
     x%implicit%factored_h = 0.0_wp
     x%collocation%fresh = .false.
-    x%collocation%replaced = .false.
-    if (present(near)) x%collocation%replaced = near
-    if (.not. x%collocation%replaced) &
-      x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
+    x%collocation%replaced = near
+    if (near) return
+    x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end, or requests the interpolant of its last step alone.
@@ -374,7 +360,7 @@ contains
     x%outputs%interpolant_only = interpolating
     x%phase = phase_begin_segment
     if (interpolating) x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
-    if (allocated(x%search%zeros)) deallocate (x%search%zeros)
+    if (allocated(x%zeros)) deallocate (x%zeros)
     x%queries%count = 0
     x%queries%answered = 0
   end subroutine continue_trajectory
