@@ -8,7 +8,7 @@ module accepted_step_m
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
+  use step_events_m, only: ends_step, find_zeros, store_zeros
   use requests_m, only: evaluate_events, reject_accepted_step, request, share, within_segment
   use phases_m
   use trajectory_m, only: fail, forget_step, last_step_times_t, point_at, time_at, trajectory_t
@@ -17,6 +17,7 @@ module accepted_step_m
                             paused, polynomial_kind, registers_kind, splitting_kind, &
                             step_too_long, terminal_event
   use vectors_m, only: finite, nan
+  use zero_finding_m, only: crosses
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &

@@ -23,8 +23,7 @@ module loop_m
   use phases_m
   use trajectory_m, only: trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, needs_events, needs_maximum, no_stop, paused, &
-                            polynomial_kind
+  use shared_numbers, only: finished, needs_events, needs_maximum, no_stop, paused, polynomial_kind
   implicit none
   private
   public :: resume

@@ -1,0 +1,131 @@
+! Zeros and minima of a function of the fraction of a step, found from samples of it.
+!
+! A zero between two points where it has opposite signs is found by inverse quadratic interpolation
+! where that is sure to converge, else by bisection: T. R. Chandrupatla, "A new hybrid quadratic/
+! bisection algorithm", Adv. Eng. Software 28 (1997).
+module zero_finding_m
+  use kinds, only: wp
+  use shared_numbers, only: event_record_t
+  implicit none
+  private
+  public :: choose_trial, crosses, minimise_parabola, narrow, next_part, power_of_growth, sample_t
+
+  ! The value of a function at a fraction of the step
+  type :: sample_t
+    real(wp) :: theta = 0.0_wp, value = 0.0_wp
+    real(wp) :: rounding = 0.0_wp            ! rounding of the value, where it is needed
+  end type sample_t
+
+contains
+
+  ! Whether a function changes sign in an interval. A zero at the start doesn't count: it belongs to
+  ! the interval before, or is the initial point. A change by more than half a period is a wrap.
+  pure elemental logical function crosses(before, after, row)
+    real(wp), intent(in) :: before, after
+    type(event_record_t), intent(in) :: row  ! the event's; the period is 0 without one
+
+    crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
+              .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
+    if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
+  end function crosses
+
+  ! The part of the way from a to b where a zero is sought next: where the inverse parabola through
+  ! three samples has it, if that increases between a and b; otherwise the middle
+  pure real(wp) function next_part(a, b, c)
+    type(sample_t), intent(in) :: a, b, c    ! the zero is between a and b
+    real(wp) :: xi, phi                      ! see the paper
+
+    xi = (a%theta - b%theta) / (c%theta - b%theta)
+    phi = (a%value - b%value) / (c%value - b%value)
+    next_part = 0.5_wp
+    if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
+      next_part = a%value / (b%value - a%value) * c%value / (b%value - c%value) &
+                  + (c%theta - a%theta) / (b%theta - a%theta) * a%value / (c%value - a%value) &
+                    * b%value / (c%value - b%value)
+  end function next_part
+
+  ! Chooses where a dip of a positive function is sought next: at the minimum of the parabola
+  ! through three samples, if it is half as far from zero as they are. Parabolas through far values
+  ! miss narrow dips: where no later samples see it, a minimum near to zero is tried too. Beyond an
+  ! end near to zero it is the middle of the part before the end.
+  pure subroutine choose_trial(three, near_zero, limit, detects, trial, minimum, exists)
+    type(sample_t), intent(in) :: three(3)
+    real(wp), intent(in) :: near_zero        ! values below it are
+    real(wp), intent(in) :: limit            ! later samples see dips from this fraction on
+    logical, intent(in) :: detects           ! whether any minimum between the samples is enough
+    real(wp), intent(out) :: trial, minimum  ! a fraction, and the minimum of the parabola
+    logical, intent(out) :: exists           ! whether there is such a fraction
+    logical :: lies_within
+    integer :: edge
+
+    call minimise_parabola(three, trial, minimum, exists)
+    if (.not. exists) return
+    lies_within = trial > three(1)%theta .and. trial < three(3)%theta
+    if (lies_within .and. (detects .or. minimum <= minval(three%value) / 2)) return
+    exists = .not. trial > limit
+    if (.not. exists .or. (lies_within .and. .not. minimum > near_zero)) return
+    edge = merge(3, 1, trial > three(2)%theta)
+    exists = three(edge)%value <= near_zero .and. &
+      abs(trial - three(edge)%theta) <= abs(three(2)%theta - three(edge)%theta) / 4
+    trial = (three(2)%theta + three(edge)%theta) / 2
+  end subroutine choose_trial
+
+  ! Finds the minimum of the parabola through three samples.
+  pure subroutine minimise_parabola(three, vertex, minimum, bends)
+    type(sample_t), intent(in) :: three(3)
+    real(wp), intent(out) :: vertex, minimum           ! where the minimum is, and the value there
+    logical, intent(out) :: bends                      ! whether there is one
+    real(wp) :: first, second                          ! divided differences
+
+    associate (theta => three%theta, v => three%value)
+      first = (v(2) - v(1)) / (theta(2) - theta(1))
+      second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
+      bends = second > 0
+      vertex = 0.0_wp
+      minimum = 0.0_wp
+      if (.not. bends) return
+      vertex = (theta(1) + theta(2) - first / second) / 2
+      minimum = v(1) + (vertex - theta(1)) * (first + second * (vertex - theta(2)))
+    end associate
+  end subroutine minimise_parabola
+
+  ! Puts a sample between three, and leaves out the end farther from the smaller inner value.
+  pure subroutine narrow(three, new)
+    type(sample_t), intent(inout) :: three(3)
+    type(sample_t), intent(in) :: new
+    type(sample_t) :: inner(2)
+
+    inner = [three(2), new]
+    if (new%theta < three(2)%theta) inner = inner(2:1:-1)
+    if (inner(1)%value < inner(2)%value) then
+      three(2:) = inner
+    else
+      three(:2) = inner
+    end if
+  end subroutine narrow
+
+  ! The largest of some powers of time by which a function grows, each from a sample and one so much
+  ! later that rounding hardly matters; of too few samples huge, or negative if one power is needed
+  pure real(wp) function power_of_growth(elapsed, samples, powers)
+    real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
+    type(sample_t), intent(in) :: samples(:)           ! later ones first
+    integer, intent(in) :: powers                      ! their number
+    real(wp) :: times(size(samples)), ratio
+    integer :: j, k
+
+    times = elapsed + samples%theta
+    power_of_growth = -1.0_wp
+    do k = size(times), size(times) - powers + 1, -1
+      ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
+      ratio = exp(samples(k)%rounding / abs(4 * samples(k)%value))
+      j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
+      if (j == 0) then
+        power_of_growth = merge(power_of_growth, huge(power_of_growth), powers == 1)
+        return
+      end if
+      power_of_growth = max(power_of_growth, log(samples(j)%value / samples(k)%value) &
+                                             / log(times(j) / times(k)))
+    end do
+  end function power_of_growth
+
+end module zero_finding_m
