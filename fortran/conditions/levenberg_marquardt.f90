@@ -13,8 +13,7 @@ module levenberg_marquardt_m
   private
   public :: lmdif, lmdif_t
 
-  ! MINPACK's info before a test stops the solver; the same number means improper input to callers
-  integer, parameter :: no_reason_yet = improper_input
+  integer, parameter :: no_reason_yet = improper_input           ! MINPACK's info at first
 
   ! The settings and the results of one solve, under MINPACK's names
   type :: lmdif_t

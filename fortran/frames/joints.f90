@@ -1,10 +1,10 @@
 ! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along
 ! the fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
 !
-! Every joint is a few rows. A row is the dot product of two vectors of these three: d, from a point
-! of the second body to one of the first, and one axis of each body. A body is an attitude and a
-! position, one of which may be missing: then it turns about the origin, or is a point mass. The
-! ground is body 0. The user's rows are evaluated in Python, and follow those of joints.
+! Every joint is a few rows, dot products of vectors that RowForm in cg/support/shared_numbers.py
+! lists. A body is an attitude and a position, one of which may be missing: then it turns about the
+! origin, or is a point mass. The ground is body 0. The user's rows, which are evaluated in Python,
+! follow those of joints.
 !
 ! Rows depend on few bodies, on the velocities between their first and their last one. Cholesky's
 ! factor is stored within the envelope of the matrix (A. George, J. W. Liu, Computer Solution of

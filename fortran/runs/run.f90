@@ -327,13 +327,13 @@ contains
       lane%member = member
       lane%counts = counters_t()
       lane%control%attempts = 0
-      lane%outputs%passed = 0
+      lane%outputs_passed = 0
       call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
-          lane%outputs%passed = 1
+          lane%outputs_passed = 1
         end if
       end if
       if (run%output%status /= no_stop) &

@@ -1,12 +1,9 @@
-! The right-hand side of a solution together with its derivatives X = (transition, sensitivity, C),
-! where C is the covariance of noise with the spectral density Q, if there is any:
+! The right-hand side of a solution together with its derivatives X, as VariationalEquation in
+! cg/integration/derivatives/variational_equation.py has it, which evaluates the same in Python for
+! functions of many members: X' = A X + (0, df/dp, C A^T + Q), A xi = df/dy xi + [f, xi].
 !
-!   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
-!
-! where df/dy is the derivative of f along the fields of the frame; along chosen directions X has a
-! column for each, to which df/dp adds by the part of the direction in parameters. Then a column
-! costs one difference of f, along itself. The functions are in C; for functions of many members
-! cg/integration/derivatives/variational_equation.py evaluates the same in Python.
+! Along chosen directions X has a column for each, to which df/dp adds by the part of the direction
+! in parameters. Then a column costs one difference of f, along itself. The functions are in C.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr

@@ -43,13 +43,13 @@ contains
     end if
     x%counts%steps = x%counts%steps + 1
     x%grid%done = x%grid%done + 1
-    x%outputs%need_interpolant = size(x%events) == 0 .and. has_output(x, output)
     x%phase = phase_complete_step
-    if (size(x%events) > 0) x%outputs%need_interpolant = any(x%events%sign_before /= 0 .or. &
+    x%interpolant%needed = size(x%events) == 0 .and. has_output(x, output)
+    if (size(x%events) > 0) x%interpolant%needed = any(x%events%sign_before /= 0 .or. &
       (crosses(x%events%at_start, x%events%at_end, x%problem%events%table) .and. &
        (x%events%at_end /= 0 .or. &
         (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
-    if (x%outputs%need_interpolant .or. size(x%events) > 0) call request_ends(x)
+    if (x%interpolant%needed .or. size(x%events) > 0) call request_ends(x)
   end subroutine examine_step
 
   ! Whether there is output before the end of the step
@@ -58,8 +58,8 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs%passed < output%outputs) has_output = has_output .or. &
-        (output%times(x%outputs%passed + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
+    if (x%outputs_passed < output%outputs) has_output = has_output .or. &
+        (output%times(x%outputs_passed + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
@@ -73,17 +73,17 @@ contains
     call find_zeros(x)
     if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
     x%phase = phase_complete_step
-    x%outputs%need_interpolant = .false.
+    x%interpolant%needed = .false.
     ! a stepper may interpolate in a step that an event ends
     do k = 1, size(x%zeros)
       associate (zero => x%zeros(k), i => x%zeros(k)%event)
         if (zero%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
-            ends_step(x%events(i), x%problem%events%table(i)))) x%outputs%need_interpolant = .true.
+            ends_step(x%events(i), x%problem%events%table(i)))) x%interpolant%needed = .true.
       end associate
     end do
-    if (x%outputs%need_interpolant) deallocate (x%zeros)         ! they aren't accurate
-    x%outputs%need_interpolant = x%outputs%need_interpolant .or. has_output(x, output)
-    if (x%outputs%need_interpolant .and. x%status == no_stop) call interpolate(x)
+    if (x%interpolant%needed) deallocate (x%zeros)         ! they aren't accurate
+    x%interpolant%needed = x%interpolant%needed .or. has_output(x, output)
+    if (x%interpolant%needed .and. x%status == no_stop) call interpolate(x)
   end subroutine detect_events
 
   ! Finds the events of a step. Trajectories with common steps then accept it together.
@@ -91,12 +91,12 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    if (size(x%events) > 0 .and. .not. (x%outputs%interpolant_only .or. allocated(x%zeros))) then
+    if (size(x%events) > 0 .and. .not. (x%last%requested .or. allocated(x%zeros))) then
       call find_zeros(x)
       if (x%status /= no_stop .or. .not. allocated(x%zeros)) return
     end if
     x%phase = phase_store_output
-    if (x%outputs%interpolant_only) return
+    if (x%last%requested) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
         output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
@@ -105,12 +105,12 @@ contains
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%outputs%interpolant_only .and. .not. finite(size(x%last%slope), x%last%slope)) then
+    if (x%last%requested .and. .not. finite(size(x%last%slope), x%last%slope)) then
       call request(x, x%last%start, x%last%y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), merge( &
-        phase_end_received, phase_interpolant_start_received, x%outputs%interpolant_only))
-    else if (.not. (x%outputs%interpolant_only .or. x%end_known)) then
+      call request(x, x%t, x%y(:, 0), &
+                   merge(phase_end_received, phase_interpolant_start_received, x%last%requested))
+    else if (.not. (x%last%requested .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
@@ -122,9 +122,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (begins => x%phase == phase_interpolant_start_received)
-      if (begins .and. x%outputs%interpolant_only) then
+      if (begins .and. x%last%requested) then
         x%last%slope(:) = x%request%answer
-      else if (begins .or. x%outputs%interpolant_only) then
+      else if (begins .or. x%last%requested) then
         x%slope(:) = x%request%answer
         x%slope_known = begins .or. x%t == x%request%t
       else
@@ -148,7 +148,7 @@ contains
 
     associate (self => x%interpolant)
       self%noisy = x%problem%record%heated
-      if (x%outputs%interpolant_only) then
+      if (x%last%requested) then
         self%t0 = x%last%t
         self%h = x%last%h
         self%y0(:) = x%last%y
@@ -176,7 +176,7 @@ contains
     if (any(x%frame%blocks%kind == callback_block)) &
       x%interpolant%step_flows = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
-    if (x%outputs%need_interpolant .or. x%outputs%interpolant_only .or. x%interpolant%complete) then
+    if (x%interpolant%needed .or. x%last%requested .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
     else
       call make_cubic(exists, x%interpolant)
@@ -243,9 +243,9 @@ contains
     real(wp) :: theta_end                    ! where an event ends the step, as a fraction of it
     logical :: by_event                      ! whether an event ended the step
 
-    if (x%outputs%interpolant_only) then
+    if (x%last%requested) then
       call store_interpolant(output, x%member, x%t, x%interpolant)
-      x%outputs%interpolant_only = .false.
+      x%last%requested = .false.
       x%phase = phase_choose_step
       x%status = merge(paused, output%status, output%status == no_stop)
       return
@@ -339,22 +339,22 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
 
-    associate (point => x%point, outputs => x%outputs, inner => x%problem%inner)
-      do while (outputs%passed < output%outputs)
-        associate (time => output%times(outputs%passed + 1))
+    associate (point => x%point, passed => x%outputs_passed, inner => x%problem%inner)
+      do while (passed < output%outputs)
+        associate (time => output%times(passed + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = inner%y(:, outputs%passed + 1 - inner%from)
+            point = inner%y(:, passed + 1 - inner%from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
-        outputs%passed = outputs%passed + 1
-        call store_point(output, x%member, outputs%passed, point)
+        passed = passed + 1
+        call store_point(output, x%member, passed, point)
         if (output%status /= no_stop) return
       end do
     end associate
@@ -366,11 +366,11 @@ contains
     type(output_t), intent(in) :: output
     integer :: count
 
-    count = min(size(x%problem%inner%theta), output%outputs - x%outputs%passed)
+    count = min(size(x%problem%inner%theta), output%outputs - x%outputs_passed)
     associate (inner => x%problem%inner, &
-               times => output%times(x%outputs%passed + 1:x%outputs%passed + count))
+               times => output%times(x%outputs_passed + 1:x%outputs_passed + count))
       inner%owner = x%member
-      inner%from = x%outputs%passed
+      inner%from = x%outputs_passed
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
     end associate
@@ -385,7 +385,7 @@ contains
                first => x%method%path_first(x%method%result), &
                last => x%method%path_first(x%method%result + 1) - 1)
       ! members with common steps may have prepared points of theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs%passed - inner%from < inner%count) return
+      if (inner%owner == x%member .and. x%outputs_passed - inner%from < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
       call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)

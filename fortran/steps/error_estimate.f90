@@ -1,19 +1,11 @@
-! The estimate of the error of a step, in tolerances.
-!
-! Norms e_i of differences of results and of sums of stages, h sum_k error(k, i) f_k, make up
+! The estimate of the error of a step, in tolerances. EstimateForm in cg/support/shared_numbers.py
+! has the formulas: norms e_i of differences of results and of sums of stages make up quotients
 !
 !   e1 (e1 / hypot(e1, factor e2))^power,
 !
-! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
-! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. In the
-! form at_end_estimate (same file) e2, of a sum that sees the end of the step, which results don't,
-! isn't a divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
-!
-! Two such differences have two parts, the quadratures, where all values of f commute, and the rest,
-! from commutators. Where f changes along its own direction, and hardly in others, e2 is all
-! quadrature and e1 is all commutators, and the quotient says nothing. Thus each part has a quotient
-! of its own, and the estimate is the larger one, or their sum for Magnus methods. An EstimateForm
-! (cg/support/shared_numbers.py) says where the parts come from.
+! which have the order of the error. Parts, the quadratures and the commutators, have quotients of
+! their own. Where f changes along its own direction, and hardly in others, e2 would be all
+! quadrature and e1 all commutators, and one quotient of both would say nothing.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
@@ -100,10 +92,8 @@ contains
     end do
   end function variation
 
-  ! Computes the norms e_i of differences of results and of sums of stages. Each half of the sums
-  ! belongs to one difference, but sums at the end of the step belong to e2 and e3. The parts are
-  ! the sums, and the rest: with a third result, of the differences of results; where exponents of
-  ! Magnus methods are compared, sums of its own; on the algebra, sums of what dexp^-1 adds.
+  ! Computes the norms e_i. Each half of the sums belongs to one of them, but sums at the end of the
+  ! step belong to e2 and e3.
   subroutine difference_norms(x, e)
     type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
     real(wp), intent(out) :: e(:, :)         ! (part, i)

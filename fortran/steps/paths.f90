@@ -1,11 +1,9 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
 ! flows of the frame, the flow of the lowest stage first. Kinds of methods differ:
 !
-! Explicit stages: each point is reached from coefficients that are known (E. Celledoni, A.
-! Marthinsen, B. Owren, "Commutator-free Lie group methods", FGCS 19 (2003)). On the Lie algebra
-! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0 (H. Munthe-Kaas,
-! "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29 (1999)). Methods of two
-! registers (A. Bazavov, arXiv:2007.04225, 2020) have Z_i = a_i Z_(i-1) + f_i and y_i =
+! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
+! registers (cg/construction/methods/low_storage.py) have Z_i = a_i Z_(i-1) + f_i and y_i =
 ! exp(h b_i Z_i) y_(i-1), with the register Z in place of coefficients at stages, and y_i in place
 ! of the ends of paths; the last y_i is the result.
 !
@@ -156,10 +154,10 @@ contains
     end associate
   end subroutine drift_closed
 
-  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose
-  ! matrices aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations,
-  ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
-  ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
+  ! Turns a change z by the matrix of the first iteration into that of Broyden's method. Instead of
+  ! its matrices the changes s_j before are kept: C. T. Kelley, Iterative Methods for Linear and
+  ! Nonlinear Equations, 1995, 7.3. Each adds (s_j.z / |s_j|^2) s_(j+1) to z, and the last one
+  ! divides z by 1 - s.z / |s|^2, unless this would more than double z.
   pure subroutine correct_change(i, change)
     integer, intent(in) :: i                 ! the iteration
     real(wp), intent(inout) :: change(:, :)  ! (rows, iterations) s_j, and z in column i

@@ -12,7 +12,6 @@ module phases_m
     enumerator :: phase_request_ends, phase_interpolant_start_received, phase_end_received
     enumerator :: phase_next_node, phase_node_received
     enumerator :: phase_detect_events, phase_complete_step, phase_step_shared
-    enumerator :: phase_store_output
-    enumerator :: phase_ended
+    enumerator :: phase_store_output, phase_ended
   end enum
 end module phases_m

@@ -126,8 +126,8 @@ contains
     real(wp), intent(in) :: t
 
     x%status = no_stop
-    if (x%outputs%interpolant_only .or. .not. x%problem%adaptive) then
-      if (.not. x%outputs%interpolant_only) x%counts%steps = x%counts%steps - 1
+    if (x%last%requested .or. .not. x%problem%adaptive) then
+      if (.not. x%last%requested) x%counts%steps = x%counts%steps - 1
       call fail(x, status, t)
     else if (x%problem%record%common) then
       x%estimate%error = huge(1.0_wp)

@@ -95,27 +95,14 @@ contains
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
 
-  ! Finds the zeros of all events in a step, unless it is too long or a function fails. While values
-  ! are requested, nothing changes. Before the interpolant is complete, times aren't computed.
+  ! Finds the zeros of all events in a step, unless it is too long or a function fails. Values at
+  ! the ends of parts are requested together, then for each event those that its zeros need. In the
+  ! meantime nothing changes. Before the interpolant is complete, times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! x%zeros are set
-    type(event_state_t), allocatable :: events(:)
-
-    if (x%problem%events%vectorized) events = x%events
-    call try_to_find_zeros(x)
-    if (x%status == needs_events .and. allocated(events)) then
-      x%events(:) = events
-      if (allocated(x%zeros)) deallocate (x%zeros)
-    end if
-  end subroutine find_zeros
-
-  ! Finds the zeros of all events in a step, as far as values are known. Those at the ends of parts
-  ! are requested together, then for each event those that its zeros need.
-  subroutine try_to_find_zeros(x)
-    type(trajectory_t), intent(inout) :: x
-    logical :: waits
-    real(wp) :: middle(size(x%events))                 ! values in the middle
+    logical :: may_cross, waits
     type(sample_t), allocatable :: samples(:, :)       ! (0:parts, events) at the ends of parts
+    type(event_state_t) :: events(size(x%events))      ! before
     integer :: i, alloc_status, max_parts, n
 
     n = count_parts(x)
@@ -127,19 +114,16 @@ contains
       if (.not. x%problem%adaptive) call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    x%zeros = [zero_t ::]
-    if (n == min_parts) then
-      call evaluate_events(x, 0, 0.5_wp, middle)
-      if (x%status /= no_stop) return
-      if (all(keeps_sign(x%events, middle))) return
-    end if
     allocate (samples(0:n, size(x%events)), stat=alloc_status)
     if (alloc_status /= 0) then
       call fail(x, out_of_memory, x%t)
       return
     end if
-    call evaluate_parts(x, middle, samples)
+    call evaluate_parts(x, samples, may_cross)
     if (x%status /= no_stop) return
+    x%zeros = [zero_t ::]
+    if (.not. may_cross) return
+    events = x%events
     waits = .false.
     do i = 1, size(samples, 2)
       if (x%events(i)%sign_before /= 0) call find_after_event(x, i, samples(:, i))
@@ -151,14 +135,17 @@ contains
         return
       end if
     end do
-    if (waits) x%status = needs_events
-  end subroutine try_to_find_zeros
+    if (.not. waits) return
+    x%status = needs_events
+    x%events = events
+    deallocate (x%zeros)
+  end subroutine find_zeros
 
   ! Evaluates the functions of all events at the ends of parts: every second one, then the others.
-  subroutine evaluate_parts(x, middle, samples)
+  subroutine evaluate_parts(x, samples, may_cross)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: middle(:)                  ! (events) values in the middle, if known
     type(sample_t), intent(inout) :: samples(0:, :)    ! (0:parts, events)
+    logical, intent(out) :: may_cross        ! whether the middle is near enough to a zero
     integer :: begin, k, n
 
     n = ubound(samples, 1)
@@ -167,13 +154,13 @@ contains
     end do
     samples(0, :)%value = x%events%at_start
     samples(n, :)%value = x%events%at_end
-    if (n == min_parts) samples(2, :)%value = middle
-    do begin = merge(1, 2, n == min_parts), 1, -1      ! with four parts the even ones are known
+    do begin = 2, 1, -1
       do k = begin, n - 1, 2
         call evaluate_events(x, 0, samples(k, 1)%theta, samples(k, :)%value)
         if (all(x%status /= [no_stop, needs_events])) return
       end do
-      if (x%status == needs_events) return
+      may_cross = n > min_parts .or. .not. all(keeps_sign(x%events, samples(2, :)%value))
+      if (x%status == needs_events .or. .not. may_cross) return
     end do
   end subroutine evaluate_parts
 
@@ -241,7 +228,7 @@ contains
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
     type(sample_t) :: three(3)                         ! with moduli of values
-    real(wp) :: limit, minimum, near_zero, side        ! minimum: the parabola's
+    real(wp) :: limit, near_zero, side
     logical :: detects
     integer :: i
 
@@ -254,12 +241,11 @@ contains
     if (.not. minval(samples%value * side) > 0) return
     do i = 1, max_iterations
       near_zero = margin * (maxval(three%value) - minval(three%value))
-      call choose_trial(three, near_zero, limit, detects, extremum%theta, minimum, exists)
+      call choose_trial(three, near_zero, limit, detects, extremum, exists)
       if (.not. exists) return
-      ! in detection the sign alone counts: any value of the other sign, without a call
-      exists = detects .and. min(minimum, minval(three%value)) < near_zero
-      extremum%value = -samples(1)%value
-      if (exists .or. detects .and. minimum > minval(three%value) / 2) return
+      exists = detects .and. min(extremum%value, minval(three%value)) < near_zero
+      if (exists) extremum%value = -samples(1)%value   ! any value of the other sign, without a call
+      if (exists .or. detects .and. extremum%value > minval(three%value) / 2) return
       call evaluate_sample(x, event, extremum)
       if (x%status /= no_stop) return
       exists = extremum%value * side <= 0

@@ -154,15 +154,9 @@ module trajectory_m
 
   ! The step before, whose interpolant may be requested
   type, extends(last_step_times_t) :: last_step_t
+    logical :: requested = .false.           ! whether its interpolant is to be stored, and no step
     real(wp), allocatable :: y(:), slope(:)  ! point and coefficients at its start
   end type last_step_t
-
-  ! What is stored of a step
-  type :: outputs_t
-    logical :: need_interpolant = .false.
-    logical :: interpolant_only = .false.    ! the interpolant of the last step, and no step
-    integer :: passed = 0                    ! output times passed
-  end type outputs_t
 
   ! The joints of a splitting method's frame
   type :: joints_t
@@ -205,8 +199,7 @@ module trajectory_m
     real(wp) :: t_end = 0.0_wp               ! the end of the step
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times h
     ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
-    integer :: stage = 1
-    integer :: paths_followed = 0
+    integer :: stage = 1, paths_followed = 0
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) the flows followed last
     ! (dimension, summands) see method_t; of a two-register method the register Z
@@ -223,7 +216,7 @@ module trajectory_m
     logical :: end_known = .false.
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
-    type(outputs_t) :: outputs
+    integer :: outputs_passed = 0            ! output times passed
     type(last_step_t) :: last
     ! step_events_m, and requests_m, which evaluates functions of events
     type(event_state_t), allocatable :: events(:)
@@ -357,7 +350,7 @@ contains
 
     x%status = paused
     x%segment = 1
-    x%outputs%interpolant_only = interpolating
+    x%last%requested = interpolating
     x%phase = phase_begin_segment
     if (interpolating) x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     if (allocated(x%zeros)) deallocate (x%zeros)

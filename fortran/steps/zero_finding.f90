@@ -48,44 +48,43 @@ contains
   ! through three samples, if it is half as far from zero as they are. Parabolas through far values
   ! miss narrow dips: where no later samples see it, a minimum near to zero is tried too. Beyond an
   ! end near to zero it is the middle of the part before the end.
-  pure subroutine choose_trial(three, near_zero, limit, detects, trial, minimum, exists)
+  pure subroutine choose_trial(three, near_zero, limit, detects, trial, exists)
     type(sample_t), intent(in) :: three(3)
     real(wp), intent(in) :: near_zero        ! values below it are
     real(wp), intent(in) :: limit            ! later samples see dips from this fraction on
     logical, intent(in) :: detects           ! whether any minimum between the samples is enough
-    real(wp), intent(out) :: trial, minimum  ! a fraction, and the minimum of the parabola
-    logical, intent(out) :: exists           ! whether there is such a fraction
+    type(sample_t), intent(out) :: trial     ! the value is the minimum of the parabola
+    logical, intent(out) :: exists           ! whether there is a fraction to try
     logical :: lies_within
     integer :: edge
 
-    call minimise_parabola(three, trial, minimum, exists)
+    call minimise_parabola(three, trial, exists)
     if (.not. exists) return
-    lies_within = trial > three(1)%theta .and. trial < three(3)%theta
-    if (lies_within .and. (detects .or. minimum <= minval(three%value) / 2)) return
-    exists = .not. trial > limit
-    if (.not. exists .or. (lies_within .and. .not. minimum > near_zero)) return
-    edge = merge(3, 1, trial > three(2)%theta)
+    lies_within = trial%theta > three(1)%theta .and. trial%theta < three(3)%theta
+    if (lies_within .and. (detects .or. trial%value <= minval(three%value) / 2)) return
+    exists = .not. trial%theta > limit
+    if (.not. exists .or. (lies_within .and. .not. trial%value > near_zero)) return
+    edge = merge(3, 1, trial%theta > three(2)%theta)
     exists = three(edge)%value <= near_zero .and. &
-      abs(trial - three(edge)%theta) <= abs(three(2)%theta - three(edge)%theta) / 4
-    trial = (three(2)%theta + three(edge)%theta) / 2
+      abs(trial%theta - three(edge)%theta) <= abs(three(2)%theta - three(edge)%theta) / 4
+    trial%theta = (three(2)%theta + three(edge)%theta) / 2
   end subroutine choose_trial
 
-  ! Finds the minimum of the parabola through three samples.
-  pure subroutine minimise_parabola(three, vertex, minimum, bends)
+  ! Finds the minimum of the parabola through three samples, if there is one.
+  pure subroutine minimise_parabola(three, minimum, exists)
     type(sample_t), intent(in) :: three(3)
-    real(wp), intent(out) :: vertex, minimum           ! where the minimum is, and the value there
-    logical, intent(out) :: bends                      ! whether there is one
+    type(sample_t), intent(out) :: minimum
+    logical, intent(out) :: exists
     real(wp) :: first, second                          ! divided differences
 
     associate (theta => three%theta, v => three%value)
       first = (v(2) - v(1)) / (theta(2) - theta(1))
       second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
-      bends = second > 0
-      vertex = 0.0_wp
-      minimum = 0.0_wp
-      if (.not. bends) return
-      vertex = (theta(1) + theta(2) - first / second) / 2
-      minimum = v(1) + (vertex - theta(1)) * (first + second * (vertex - theta(2)))
+      exists = second > 0
+      if (.not. exists) return
+      minimum%theta = (theta(1) + theta(2) - first / second) / 2
+      minimum%value = v(1) + (minimum%theta - theta(1)) &
+                             * (first + second * (minimum%theta - theta(2)))
     end associate
   end subroutine minimise_parabola
 
