@@ -13,6 +13,7 @@ module levenberg_marquardt_m
   private
   public :: lmdif, lmdif_t
 
+  real(wp), parameter :: eps = epsilon(1.0_wp)
   integer, parameter :: no_reason_yet = improper_input           ! MINPACK's info at first
 
   ! The settings and the results of one solve, under MINPACK's names
@@ -29,8 +30,6 @@ module levenberg_marquardt_m
     integer, allocatable :: ipvt(:)          ! (n): its pivots
     real(wp), allocatable :: qtf(:)          ! (n): first n elements of Q^T f
   end type lmdif_t
-
-  real(wp), parameter :: eps = epsilon(1.0_wp)
 
 contains
 

@@ -1,11 +1,9 @@
 ! The estimate of the error of a step, in tolerances. EstimateForm in cg/support/shared_numbers.py
-! has the formulas: norms e_i of differences of results and of sums of stages make up quotients
-!
-!   e1 (e1 / hypot(e1, factor e2))^power,
-!
-! which have the order of the error. Parts, the quadratures and the commutators, have quotients of
-! their own. Where f changes along its own direction, and hardly in others, e2 would be all
-! quadrature and e1 all commutators, and one quotient of both would say nothing.
+! has the formulas: norms e_i of differences of results and of sums of stages make up quotients e1
+! (e1 / hypot(e1, factor e2))^power, which have the order of the error. Parts, the quadratures and
+! the commutators, have quotients of their own. Where f changes along its own direction, and hardly
+! in others, e2 would be all quadrature and e1 all commutators, and one quotient of both would say
+! nothing.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
@@ -47,9 +45,7 @@ contains
 
     call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%difference, &
                       x%norms%scale)
-    if (x%method%embedded > 0) then
-      if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
-    end if
+    if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return      ! 0 is the start
     call difference_norms(x, e)
     x%estimate%error = combined(x%method, e(1, 1), e(1, 2))
     if (x%method%in_parts) then

@@ -8,14 +8,12 @@
 ! of the ends of paths; the last y_i is the result.
 !
 ! RATTLE (H. C. Andersen, J. Comput. Phys. 52 (1983)): kicks and drifts of mechanical systems with
-! joints. Impulses along the derivatives G of constraints before each drift close them at its end,
-!
-!   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
-!
-! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also
-! removes what opens the joints from the momentum at the end of a step. It starts from impulses that
-! continue those of the two steps before. Between the drifts of a step nothing has to be removed,
-! since the next impulses would replace it. The drift is the exact free motion of the bodies.
+! joints. Impulses along the derivatives G of constraints before each drift close them at its end:
+! g(q_1) = 0 for q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda). They are found by Broyden's
+! method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also removes what
+! opens the joints from the momentum at the end of a step. It starts from impulses that continue
+! those of the two steps before. Between the drifts of a step nothing has to be removed, since the
+! next impulses would replace it. The drift is the exact free motion of the bodies.
 !
 ! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
 ! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.

@@ -2,7 +2,6 @@
 module phases_m
   implicit none
   public
-
   enum, bind(c)
     enumerator :: phase_begin_segment
     enumerator :: phase_guess_size, phase_guess_shared, phase_curvature_received, phase_size_shared

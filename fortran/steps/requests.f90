@@ -44,8 +44,7 @@ contains
   ! of the point, which it may overwrite.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(x%frame%point_size)
+    real(wp), intent(in) :: t, y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
 
     x%request%t = t

@@ -6,7 +6,10 @@
 !
 ! Detection comes first, along the cubic through the ends of the step: it tells whether there may be
 ! a zero, for which the accurate interpolant is then completed, and zeros are found along that one.
-! Zeros at the same time happen together. The numerics are in zero_finding.f90.
+!
+! A zero between two points where g has opposite signs is found by inverse quadratic interpolation
+! where that is sure to converge, else by bisection: T. R. Chandrupatla, "A new hybrid quadratic/
+! bisection algorithm", Adv. Eng. Software 28 (1997). Zeros at the same time happen together.
 module step_events_m
   use controller_m, only: resolution
   use frames_m, only: turning
@@ -18,7 +21,7 @@ module step_events_m
                             parts_of_turn, raised, resting_contact, splitting_kind, &
                             step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
-  use zero_finding_m, only: choose_trial, crosses, narrow, next_part, power_of_growth, sample_t
+  use zero_finding_m, only: choose_trial, crosses, narrow, power_of_growth, sample_t
   implicit none
   private
   public :: ends_step, find_zeros, store_zeros
@@ -62,7 +65,7 @@ contains
     real(wp), intent(out) :: zero                      ! fraction of the step
     ! the last point, one on the other side of the zero, the one that was replaced, and the next one
     type(sample_t) :: a, b, c, new
-    real(wp) :: part, min_part                         ! of the way from a to b
+    real(wp) :: part, min_part, xi, phi                ! part: of the way from a to b; see the paper
     integer :: i
 
     a = high
@@ -83,7 +86,15 @@ contains
       zero = merge(a%theta, b%theta, abs(a%value) < abs(b%value))
       min_part = tolerance * (abs(zero) + 1) / abs(b%theta - a%theta) / 2
       if (min_part > 0.5_wp .or. a%value == 0) exit
-      part = min(1 - min_part, max(min_part, next_part(a, b, c)))
+      ! the inverse parabola through a, b and c is used where it increases between a and b
+      xi = (a%theta - b%theta) / (c%theta - b%theta)
+      phi = (a%value - b%value) / (c%value - b%value)
+      part = 0.5_wp
+      if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
+        part = a%value / (b%value - a%value) * c%value / (b%value - c%value) &
+               + (c%theta - a%theta) / (b%theta - a%theta) * a%value / (c%value - a%value) &
+                 * b%value / (c%value - b%value)
+      part = min(1 - min_part, max(min_part, part))
     end do
   end subroutine find_zero
 

@@ -3,11 +3,9 @@
 !
 ! Variable steps of symmetric methods that stay reversible: E. Hairer, G. Söderlind, "Explicit, time
 ! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005). The user's function s of
-! the configuration says how steps vary, h s. Their density is carried from step to step,
-!
-!   rho_(n + 1/2) = rho_(n - 1/2) - h d/dt log s(q_n),     step h / rho_(n + 1/2),
-!
-! at first from 1 / s by half as much. Backward, the derivative changes its sign.
+! the configuration says how steps vary, h s. Their density rho_(n + 1/2) = rho_(n - 1/2) -
+! h d/dt log s(q_n) is carried from step to step, at first from 1 / s by half as much. A step is
+! h / rho_(n + 1/2). Backward, the derivative changes its sign.
 module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, resolution, tried_size

@@ -211,8 +211,7 @@ module trajectory_m
     type(estimate_t) :: estimate
     type(norms_t) :: norms
     ! paths_m, if a stage is there, or accepted_step_m; loop_m for the start
-    real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
-    real(wp), allocatable :: end_slope(:)    ! (dimension) the coefficients at the end
+    real(wp), allocatable :: slope(:), end_slope(:)    ! (dimension) coefficients at start and end
     logical :: end_known = .false.
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
@@ -233,7 +232,7 @@ contains
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
-    integer :: last, paths, summands, width
+    integer :: paths, summands, width
 
     x%problem => problem
     x%frame => problem%frame
@@ -254,8 +253,8 @@ contains
                 x%norms%difference(width), x%norms%change(width), x%norms%displacement(m), &
                 x%point(n), stat=alloc_status)
       if (alloc_status /= 0) return
-      last = merge(1, 0, record%keep_last)
-      allocate (x%y(n, 0:paths), x%last%y(n * last), x%last%slope(m * last), &
+      allocate (x%y(n, 0:paths), x%last%y(merge(n, 0, record%keep_last)), &
+                x%last%slope(merge(m, 0, record%keep_last)), &
                 x%estimate%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
                 x%estimate%added(m, merge(summands, 0, problem%adaptive .and. &
                                           method%estimate == parts_of_series_estimate)), &

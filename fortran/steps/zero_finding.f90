@@ -1,14 +1,10 @@
-! Zeros and minima of a function of the fraction of a step, found from samples of it.
-!
-! A zero between two points where it has opposite signs is found by inverse quadratic interpolation
-! where that is sure to converge, else by bisection: T. R. Chandrupatla, "A new hybrid quadratic/
-! bisection algorithm", Adv. Eng. Software 28 (1997).
+! Signs, minima and growth of a function of the fraction of a step, found from samples of it
 module zero_finding_m
   use kinds, only: wp
   use shared_numbers, only: event_record_t
   implicit none
   private
-  public :: choose_trial, crosses, minimise_parabola, narrow, next_part, power_of_growth, sample_t
+  public :: choose_trial, crosses, minimise_parabola, narrow, power_of_growth, sample_t
 
   ! The value of a function at a fraction of the step
   type :: sample_t
@@ -28,21 +24,6 @@ contains
               .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
     if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
   end function crosses
-
-  ! The part of the way from a to b where a zero is sought next: where the inverse parabola through
-  ! three samples has it, if that increases between a and b; otherwise the middle
-  pure real(wp) function next_part(a, b, c)
-    type(sample_t), intent(in) :: a, b, c    ! the zero is between a and b
-    real(wp) :: xi, phi                      ! see the paper
-
-    xi = (a%theta - b%theta) / (c%theta - b%theta)
-    phi = (a%value - b%value) / (c%value - b%value)
-    next_part = 0.5_wp
-    if (phi**2 < xi .and. (1 - phi)**2 < 1 - xi) &
-      next_part = a%value / (b%value - a%value) * c%value / (b%value - c%value) &
-                  + (c%theta - a%theta) / (b%theta - a%theta) * a%value / (c%value - a%value) &
-                    * b%value / (c%value - b%value)
-  end function next_part
 
   ! Chooses where a dip of a positive function is sought next: at the minimum of the parabola
   ! through three samples, if it is half as far from zero as they are. Parabolas through far values
