@@ -263,7 +263,7 @@ class Linkage:
         """Return points with closed joints, NaN where there are none nearby."""
         rows = _rows(y).copy()
         status = self._call("joints_close", rows)
-        rows[status != LoopStatus.FINISHED] = np.nan
+        rows[status != LoopStatus.NO_STOP] = np.nan
         return rows.reshape(y.shape)
 
     def forces(self, y: Array, f: Array) -> tuple[Array, Array]:
@@ -274,8 +274,8 @@ class Linkage:
         rows, fields = _rows(y), _rows(f).copy()
         multipliers = np.zeros((len(rows), self.count))
         status = self._call("joints_forces", rows, fields, multipliers)
-        fields[status != LoopStatus.FINISHED] = np.nan
-        multipliers[status != LoopStatus.FINISHED] = np.nan
+        fields[status != LoopStatus.NO_STOP] = np.nan
+        multipliers[status != LoopStatus.NO_STOP] = np.nan
         return fields.reshape(f.shape), multipliers.reshape(*y.shape[:-1], self.count)
 
     def check_rank(self, y: Array, name: str) -> None:

@@ -17,7 +17,7 @@ else:  # run by the build, beside shared_records.py
 class LoopStatus(IntEnum):
     """Why the compiled loop over steps returned."""
 
-    FINISHED = 0
+    NO_STOP = 0  # it goes on; of a procedure that it calls: it has succeeded
     STOPPED_BY_RHS = 1  # it returned a nonzero flag
     RHS_NOT_FINITE = 2
     STAGE_NOT_FINITE = 3  # the point at which the field was evaluated
@@ -36,6 +36,7 @@ class LoopStatus(IntEnum):
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
     STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
+    FINISHED = 19  # at the end of the integration
     # requests of a trajectory
     NEEDS_RHS = 20  # the coefficients at the requested time and point
     NEEDS_EVENTS = 24  # values of events at the requested times and points

@@ -36,9 +36,7 @@ module conditions_m
     integer, allocatable :: owner(:)      ! (conditions) see set_up
     real(wp), allocatable :: target(:)    ! (conditions) 1/gamma(t)
   contains
-    procedure :: set_up
-    procedure :: residual
-    procedure :: jacobian
+    procedure :: set_up, residual, jacobian
   end type order_conditions_t
 
 contains

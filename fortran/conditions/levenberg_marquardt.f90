@@ -13,6 +13,9 @@ module levenberg_marquardt_m
   private
   public :: lmdif, lmdif_t
 
+  real(wp), parameter :: eps = epsilon(1.0_wp)
+  integer, parameter :: no_reason_yet = improper_input           ! MINPACK's info at first
+
   ! The settings and the results of one solve, under MINPACK's names
   type :: lmdif_t
     real(wp) :: ftol = 0.0_wp, xtol = 0.0_wp, gtol = 0.0_wp    ! >= 0
@@ -21,14 +24,12 @@ module levenberg_marquardt_m
     real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
     ! (n): D, positive; if it isn't given, it comes from the columns of J
     real(wp), allocatable :: diag(:)
-    integer :: info = improper_input         ! an LmdifStatus, or a negative outcome of the problem
+    integer :: info = no_reason_yet          ! an LmdifStatus, or a negative outcome of the problem
     integer :: nfev = 0                      ! evaluations, including the ones for differences
     real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
     integer, allocatable :: ipvt(:)          ! (n): its pivots
     real(wp), allocatable :: qtf(:)          ! (n): first n elements of Q^T f
   end type lmdif_t
-
-  real(wp), parameter :: eps = epsilon(1.0_wp)
 
 contains
 
@@ -97,7 +98,7 @@ contains
           iteration = iteration + 1
         end if
         solver%info = stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm)
-        if (solver%info /= improper_input) return
+        if (solver%info /= no_reason_yet) return
         if (.not. ratio < 1.0e-4_wp) exit inner
       end do inner
     end do outer
@@ -192,17 +193,17 @@ contains
     end if
   end subroutine adjust_region
 
-  ! MINPACK's tests in MINPACK's order; improper_input stands for "go on".
+  ! MINPACK's tests in MINPACK's order, until one is met
   pure integer function stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm) &
       result(info)
     type(lmdif_t), intent(in) :: solver
     real(wp), intent(in) :: actual, predicted, ratio, delta, xnorm, gnorm
 
-    info = improper_input
+    info = no_reason_yet
     if (reduction_within(solver%ftol)) info = small_reduction
     if (delta <= solver%xtol * xnorm) info = small_step
     if (reduction_within(solver%ftol) .and. info == small_step) info = small_reduction_and_step
-    if (info /= improper_input) return
+    if (info /= no_reason_yet) return
     if (solver%nfev >= solver%maxfev) info = too_many_evaluations
     if (reduction_within(eps)) info = ftol_too_small
     if (delta <= eps * xnorm) info = xtol_too_small

@@ -2,9 +2,8 @@
 ! least norm, with the second derivative along them taken into account.
 !
 ! With J = dr/dx, a step p minimises |J p + r|^2 + lambda |p|^2 by p = -J^T y, where (J J^T + lambda
-! I) y = r, and is bent by half the acceleration a of the curve on which the linear model holds (M.
-! Transtrum and J. Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear
-! least-squares minimization, arXiv:1201.5885). Steps along narrow bent valleys are then many times
+! I) y = r, and is bent by half the acceleration a of the curve on which the linear model holds (see
+! cg/construction/solvers/minimum_norm.py). Steps along narrow bent valleys are then many times
 ! longer. lambda, the variable `damping`, changes by H. B. Nielsen's rule (IMM-REP-1999-05).
 module minimum_norm_m
   use kinds, only: wp

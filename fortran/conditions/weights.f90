@@ -1,15 +1,10 @@
 ! Elementary weights of a method, which is a tree of points, for all ordered trees up to an order.
 !
-! A point m is reached from its parent by the flow of a combination of frozen fields, with weights
-! alpha_mk on the fields of stages k. A tree is a word of trees, and the flow acts on words as the
-! character E_m(v) = l_m(v_1) ... l_m(v_n) / n!, n the length of v, with the letters
-! l_m(t) = sum_k alpha_mk Phi_k(t). So words have at a point the weight
-!
-!     chi_m(w) = sum over w = u v of chi_parent(m)(u) E_m(v),
-!
-! and Phi_k is the weight at the point where stage k is. Vectors run over the points. Points that
-! follow each other without a branch, a stage or a result between them make a segment; weights are
-! kept at the ends of segments. The rows of a Crouch-Grossman tableau are segments.
+! cg/construction/conditions/__init__.py has the formulas. E_m(v) = l_m(v_1) ... l_m(v_n) / n! is
+! the character of the flow to point m, and chi_m(w), the weight of a word there, is the sum over
+! w = u v of chi_parent(m)(u) E_m(v). Vectors run over the points. Points that follow each other
+! without a branch, a stage or a result between them make a segment; weights are kept at the ends of
+! segments. The rows of a Crouch-Grossman tableau are segments.
 module weights_m
   use kinds, only: wp
   use tree_tables, only: child_start, first, head, rest, split_start, tail, tree_start
@@ -44,9 +39,7 @@ module weights_m
     real(wp), allocatable :: letter(:, :)     ! (points, stage_trees)
     real(wp), allocatable :: chi(:, :)        ! (0:segments, stage_trees) weight at their ends
   contains
-    procedure :: set_up
-    procedure :: evaluate_trees
-    procedure :: weight
+    procedure :: set_up, evaluate_trees, weight
   end type weights_t
 
 contains

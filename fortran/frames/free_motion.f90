@@ -10,7 +10,7 @@ module free_motion_m
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
-  use shared_numbers, only: euclidean_block, finished, joints_not_solved, sphere_block
+  use shared_numbers, only: euclidean_block, joints_not_solved, no_stop, sphere_block
   use vectors_m, only: cross, finite
   implicit none
   private
@@ -74,7 +74,7 @@ contains
     real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
     integer, intent(out) :: status                     ! see constraints_at
 
-    status = finished
+    status = no_stop
     f(frame%forces + 1:) = f(:frame%forces)
     f(:frame%forces) = 0.0_wp
     call make_tangential(frame, y, f(frame%forces + 1:))
@@ -205,10 +205,10 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     integer, intent(in) :: depth                       ! see evaluate_constraints
     type(constraints_t), intent(inout) :: c
-    integer, intent(out) :: status           ! finished, raised, out_of_memory, joints_not_solved
+    integer, intent(out) :: status           ! no_stop, raised, out_of_memory, joints_not_solved
 
     call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y, depth, c, status)
-    if (status /= finished) return
+    if (status /= no_stop) return
     call factor_constraints(frame%linkage, c)
     if (.not. c%factored) status = joints_not_solved
   end subroutine constraints_at
@@ -227,7 +227,7 @@ contains
     real(wp), allocatable :: x(:)
 
     call constraints_at(frame, y, 2, c, status)
-    if (status /= finished) return
+    if (status /= no_stop) return
     total = f
     if (forces_alone) call add_free_motion(frame, y, total)
     associate (m => frame%linkage%forces)
@@ -271,7 +271,7 @@ contains
     opening = huge(opening)
     do i = 1, max_iterations
       call constraints_at(frame, y, 1, c, status)
-      if (status /= finished) return
+      if (status /= no_stop) return
       if (i == 1) size_before = maxval(max(c%scale, c%min_scale))
       if (is_closed(c, opening)) then
         call remove_opening(frame, c, y(frame%linkage%momenta_offset + 1:frame%linkage%momenta_end))
@@ -312,7 +312,7 @@ contains
 
     closed = y
     call close_joints(frame, closed, status)
-    if (status == finished) y = closed
+    if (status == no_stop) y = closed
   end subroutine without_opening
 
 end module free_motion_m

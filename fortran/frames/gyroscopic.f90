@@ -8,12 +8,9 @@
 ! constants for raising the orders of unconventional schemes", Math. Comp. 66 (1997).
 !
 ! Derivatives of free motion: tangents (xi, eta) of configuration and momentum move by
-!
-!   xi' = J^-1 eta + [omega, xi].
-!
-! Where the velocity omega is constant, eta is too, and the series of the solution ends at rounding
-! after some terms for each piece of the motion. Of a rigid body the velocity changes; the
-! derivatives by the momentum are differences of the exact motion, of order eight.
+! xi' = J^-1 eta + [omega, xi]. Where the velocity omega is constant, eta is too, and the series of
+! the solution ends at rounding after some terms for each piece of the motion. Of a rigid body the
+! velocity changes; the derivatives by the momentum are differences of the exact motion, of order 8.
 module gyroscopic_m
   use algebra_m, only: bracket
   use blocks_m, only: block_t, body_t, find_velocities, velocities

@@ -1,10 +1,10 @@
 ! Joints of mechanical systems: constraints g(q) = 0 on configurations, their derivatives G along
 ! the fields, and the symmetric matrix G J^-1 G^T, by whose factors constraint forces are computed.
 !
-! Every joint is a few rows. A row is the dot product of two vectors of these three: d, from a point
-! of the second body to one of the first, and one axis of each body. A body is an attitude and a
-! position, one of which may be missing: then it turns about the origin, or is a point mass. The
-! ground is body 0. The user's rows are evaluated in Python, and follow those of joints.
+! Every joint is a few rows, dot products of vectors that RowForm in cg/support/shared_numbers.py
+! lists. A body is an attitude and a position, one of which may be missing: then it turns about the
+! origin, or is a point mass. The ground is body 0. The user's rows, which are evaluated in Python,
+! follow those of joints.
 !
 ! Rows depend on few bodies, on the velocities between their first and their last one. Cholesky's
 ! factor is stored within the envelope of the matrix (A. George, J. W. Liu, Computer Solution of
@@ -16,7 +16,7 @@ module joints_m
   use callback_m, only: callback_t
   use rotations_m, only: get_quaternion, rotate_matrix
   use shared_numbers, only: along_space, between_axes, coincident_axes, constraints_operation, &
-                            finished, fixed_length, out_of_memory, raised, so3_block
+                            fixed_length, no_stop, out_of_memory, raised, so3_block
   use vectors_m, only: cross
   implicit none
   private
@@ -122,7 +122,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) or more
     integer, intent(in) :: depth                       ! 0 for g, 1 with G, 2 with the bias
     type(constraints_t), intent(inout) :: c
-    integer, intent(out) :: status                     ! finished, raised or out_of_memory
+    integer, intent(out) :: status                     ! no_stop, raised or out_of_memory
     type(pose_t) :: pose(0:ubound(linkage%attitude, 1))
     real(wp) :: omega(merge(linkage%forces, 0, depth == 2))
     integer :: alloc_status, i
@@ -136,8 +136,8 @@ contains
       end associate
     end if
     c%factored = .false.
-    status = merge(finished, out_of_memory, alloc_status == 0)
-    if (status /= finished) return
+    status = merge(no_stop, out_of_memory, alloc_status == 0)
+    if (status /= no_stop) return
     if (depth == 2) call velocities(blocks, bodies, [1, size(bodies)], &
                                     y(linkage%momenta_offset + 1:linkage%momenta_end), omega)
     do i = 0, ubound(pose, 1)

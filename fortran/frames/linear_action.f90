@@ -1,7 +1,6 @@
 ! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
-! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
-! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials, as are equations y' =
-! X(t) y whose coefficients are polynomials in time.
+! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian, else by Taylor
+! polynomials (cg/frames/linear_action.py), as are equations y' = X(t) y with polynomials in time.
 !
 ! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
@@ -19,6 +18,7 @@ module linear_action_m
   ! Points within a flow along a polynomial
   type :: inner_points_t
     integer :: owner = 0, count = 0          ! owner: the member of the step
+    integer :: from = 0                      ! output times before them
     real(wp), allocatable :: theta(:)        ! (count) or more, fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
   end type inner_points_t

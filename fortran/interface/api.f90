@@ -74,9 +74,8 @@ contains
     !f2py threadsafe
     integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
     real(wp), intent(in) :: x0(n)                          ! packed weights
-    integer, intent(in) :: trees(m)
+    integer, intent(in) :: trees(m), maxfev
     real(wp), intent(in) :: ftol(1), xtol(1)
-    integer, intent(in) :: maxfev
     integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
     real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
     integer, intent(out) :: info, nfev

@@ -18,7 +18,7 @@ module api_external_m
   use linear_action_m, only: products
   use minimum_norm_m, only: minimise_norm
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: coordinates_operation, finished, flow_operation, residual_operation, &
+  use shared_numbers, only: coordinates_operation, flow_operation, no_stop, residual_operation, &
                             stopped_by_user
   use variational_m, only: variational_rhs
   use vectors_m, only: dgemm, dgetrf, dgetrs, dpotrf, dpotrs, dsyevd, dsyrk, nan, zgemm, zgetrf, &
@@ -125,7 +125,7 @@ contains
     integer, intent(in) :: n, points, rows
     real(wp), intent(in) :: y(n, points)
     real(wp), intent(inout), dimension(rows, points) :: g, speed, size_of_g, size_of_speed
-    integer, intent(inout) :: status(points)             ! finished, raised or out_of_memory
+    integer, intent(inout) :: status(points)             ! no_stop, raised or out_of_memory
     type(plan_t), pointer :: plan
     type(constraints_t) :: c
     integer :: i
@@ -135,7 +135,7 @@ contains
       do i = 1, points
         call evaluate_constraints(frame%linkage, frame%blocks, frame%bodies, y(:, i), 1, c, &
                                   status(i))
-        if (status(i) /= finished) return
+        if (status(i) /= no_stop) return
         g(:, i) = c%g
         if (c%exchanged) g(:, i) = huge(g)
         size_of_g(:, i) = c%scale

@@ -21,7 +21,7 @@ module run_m
   use output_m, only: output_t, store_point, store_step
   use requests_m, only: check_coefficients
   use shared_numbers, only: counters_t, event_columns, events_operation, finished, &
-                            interpolant_columns, needs_events, needs_maximum, needs_rhs, &
+                            interpolant_columns, needs_events, needs_maximum, needs_rhs, no_stop, &
                             observer_failed, observer_record_t, out_of_memory, paused, &
                             polynomial_kind, raised, raised_in_python, rhs_operation, &
                             state_columns, terminal_event
@@ -256,7 +256,7 @@ contains
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
-    run%output%status = finished
+    run%output%status = no_stop
     drive_all: do
       waits = .false.
       stops = .false.
@@ -327,16 +327,16 @@ contains
       lane%member = member
       lane%counts = counters_t()
       lane%control%attempts = 0
-      lane%outputs_done = 0
+      lane%outputs_passed = 0
       call set_start(run%record%t0, run%states(:n, member), run%record%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (run%output%times(1) == run%record%t0) then
           call store_point(run%output, member, 1, lane%y(:, 0))
-          lane%outputs_done = 1
+          lane%outputs_passed = 1
         end if
       end if
-      if (run%output%status /= finished) &
+      if (run%output%status /= no_stop) &
         call fail(lane, run%output%status, run%record%t0, observer_failed)
       run%busy(i) = .true.
       run%next = run%next + 1
@@ -423,15 +423,15 @@ contains
   subroutine answer_events(run)
     type(run_t), intent(inout) :: run
     integer, allocatable :: waiting(:), counts(:)      ! lanes, and how many queries each has
-    real(wp), allocatable :: query(:, :)     ! all queries, as in trajectory_t
+    real(wp), allocatable :: query(:, :)     ! all queries, as in queries_t
     real(wp), allocatable :: values(:)       ! of one event
     integer :: event, i, j, alloc_status, total
     logical :: failed
 
     associate (lanes => run%lanes, n => run%frame%point_size)
       waiting = pack([(i, i=1, size(lanes))], lanes%status == needs_events)
-      lanes(waiting)%status = finished
-      counts = lanes(waiting)%queries - lanes(waiting)%answered
+      lanes(waiting)%status = no_stop
+      counts = lanes(waiting)%queries%count - lanes(waiting)%queries%answered
       total = sum(counts)
       allocate (query(query_numbers + n + run%events%count, total), values(total), &
                 stat=alloc_status)
@@ -439,8 +439,8 @@ contains
       if (alloc_status /= 0) return
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)), count => counts(i))
-          query(:, total + 1:total + count) = lane%query(:, lane%answered + 1:lane%queries)
+        associate (queries => lanes(waiting(i))%queries, count => counts(i))
+          query(:, total + 1:total + count) = queries%columns(:, queries%answered + 1:queries%count)
           total = total + count
         end associate
       end do
@@ -463,9 +463,9 @@ contains
       end do
       total = 0
       do i = 1, size(waiting)
-        associate (lane => lanes(waiting(i)), count => counts(i))
-          lane%query(:, lane%answered + 1:lane%queries) = query(:, total + 1:total + count)
-          lane%answered = lane%queries
+        associate (queries => lanes(waiting(i))%queries, count => counts(i))
+          queries%columns(:, queries%answered + 1:queries%count) = query(:, total + 1:total + count)
+          queries%answered = queries%count
           total = total + count
         end associate
       end do

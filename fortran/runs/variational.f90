@@ -1,12 +1,9 @@
-! The right-hand side of a solution together with its derivatives X = (transition, sensitivity, C),
-! where C is the covariance of noise with the spectral density Q, if there is any:
+! The right-hand side of a solution together with its derivatives X, as VariationalEquation in
+! cg/integration/derivatives/variational_equation.py has it, which evaluates the same in Python for
+! functions of many members: X' = A X + (0, df/dp, C A^T + Q), A xi = df/dy xi + [f, xi].
 !
-!   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
-!
-! where df/dy is the derivative of f along the fields of the frame; along chosen directions X has a
-! column for each, to which df/dp adds by the part of the direction in parameters. Then a column
-! costs one difference of f, along itself. The functions are in C; for functions of many members
-! cg/integration/derivatives/variational_equation.py evaluates the same in Python.
+! Along chosen directions X has a column for each, to which df/dp adds by the part of the direction
+! in parameters. Then a column costs one difference of f, along itself. The functions are in C.
 module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr, c_ptr
@@ -16,7 +13,7 @@ module variational_m
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: df_dp_failed, f_failed, finished, jac_failed, max_length_ratio, &
+  use shared_numbers, only: df_dp_failed, f_failed, jac_failed, max_length_ratio, no_stop, &
                             noise_failed, products_failed, raised, raised_in_python, variation_t
   use inputs_m, only: rhs_i
   use vectors_m, only: finite, nan
@@ -257,7 +254,7 @@ contains
       call complete_forces(frame, y, logical(record%forces_alone), &
                            .not. logical(record%forces_alone), f, status)
       if (status == raised) self%code = raised_in_python
-      if (status /= finished) f = nan
+      if (status /= no_stop) f = nan
     end associate
   end subroutine call_f
 

@@ -8,14 +8,16 @@ module accepted_step_m
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
   use linear_action_m, only: move_polynomially
   use output_m, only: output_t, store_interpolant, store_point, store_step
-  use step_events_m, only: crosses, ends_step, find_zeros, store_zeros
+  use step_events_m, only: ends_step, find_zeros, store_zeros
   use requests_m, only: evaluate_events, reject_accepted_step, request, share, within_segment
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, forget_step, last_step_times_t, point_at, time_at, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: callback_block, finished, jumps_without_progress, observer_failed, &
+  use shared_numbers, only: callback_block, jumps_without_progress, no_stop, observer_failed, &
                             paused, polynomial_kind, registers_kind, splitting_kind, &
                             step_too_long, terminal_event
   use vectors_m, only: finite, nan
+  use zero_finding_m, only: crosses
   implicit none
   private
   public :: complete_step, detect_events, examine_step, prepare_inner, &
@@ -35,20 +37,19 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    x%seeks_events = size(x%events) > 0
-    if (x%seeks_events) then
+    if (size(x%events) > 0) then
       call evaluate_events(x, 0, 1.0_wp, x%events%at_end)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     x%counts%steps = x%counts%steps + 1
-    x%grid_done = x%grid_done + 1
-    x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
+    x%grid%done = x%grid%done + 1
     x%phase = phase_complete_step
-    if (x%seeks_events) x%needs_interpolant = any(x%events%sign_before /= 0 .or. &
+    x%interpolant%needed = size(x%events) == 0 .and. has_output(x, output)
+    if (size(x%events) > 0) x%interpolant%needed = any(x%events%sign_before /= 0 .or. &
       (crosses(x%events%at_start, x%events%at_end, x%problem%events%table) .and. &
        (x%events%at_end /= 0 .or. &
         (x%problem%record%goes_on .and. ends_step(x%events, x%problem%events%table)))))
-    if (x%needs_interpolant .or. x%seeks_events) call request_ends(x)
+    if (x%interpolant%needed .or. size(x%events) > 0) call request_ends(x)
   end subroutine examine_step
 
   ! Whether there is output before the end of the step
@@ -57,8 +58,8 @@ contains
     type(output_t), intent(in) :: output
 
     has_output = output%record%dense
-    if (x%outputs_done < output%outputs) has_output = has_output .or. &
-        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
+    if (x%outputs_passed < output%outputs) has_output = has_output .or. &
+        (output%times(x%outputs_passed + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
   end function has_output
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
@@ -72,17 +73,17 @@ contains
     call find_zeros(x)
     if (.not. allocated(x%zeros)) return     ! values are requested, or the step isn't accepted
     x%phase = phase_complete_step
-    x%needs_interpolant = .false.
-    do k = 1, size(x%zeros)                 ! a stepper may interpolate in a step that an event ends
-      associate (i => x%zeros(k)%event)
-        if (x%zeros(k)%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
-            ends_step(x%events(i), x%problem%events%table(i)))) x%needs_interpolant = .true.
+    x%interpolant%needed = .false.
+    ! a stepper may interpolate in a step that an event ends
+    do k = 1, size(x%zeros)
+      associate (zero => x%zeros(k), i => x%zeros(k)%event)
+        if (zero%theta < 1 .or. x%events(i)%at_end /= 0 .or. (x%problem%record%goes_on .and. &
+            ends_step(x%events(i), x%problem%events%table(i)))) x%interpolant%needed = .true.
       end associate
     end do
-    x%seeks_events = size(x%zeros) > 0
-    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zeros)
-    x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
-    if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
+    if (x%interpolant%needed) deallocate (x%zeros)         ! they aren't accurate
+    x%interpolant%needed = x%interpolant%needed .or. has_output(x, output)
+    if (x%interpolant%needed .and. x%status == no_stop) call interpolate(x)
   end subroutine detect_events
 
   ! Finds the events of a step. Trajectories with common steps then accept it together.
@@ -90,12 +91,12 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    if (x%seeks_events .and. .not. (x%interpolate_only .or. allocated(x%zeros))) then
+    if (size(x%events) > 0 .and. .not. (x%last%requested .or. allocated(x%zeros))) then
       call find_zeros(x)
-      if (x%status /= finished .or. .not. allocated(x%zeros)) return
+      if (x%status /= no_stop .or. .not. allocated(x%zeros)) return
     end if
     x%phase = phase_store_output
-    if (x%interpolate_only) return
+    if (x%last%requested) return
     if (x%problem%adaptive .and. x%problem%record%common .and. (size(x%events) > 0 .or. &
         output%record%dense .or. output%outputs > 0)) call share(x, 0.0_wp, phase_step_shared)
   end subroutine complete_step
@@ -104,12 +105,12 @@ contains
   subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
-    if (x%interpolate_only .and. .not. finite(size(x%last_slope), x%last_slope)) then
-      call request(x, x%last%start, x%last_y, phase_interpolant_start_received)
+    if (x%last%requested .and. .not. finite(size(x%last%slope), x%last%slope)) then
+      call request(x, x%last%start, x%last%y, phase_interpolant_start_received)
     else if (.not. x%slope_known) then
       call request(x, x%t, x%y(:, 0), &
-                   merge(phase_end_received, phase_interpolant_start_received, x%interpolate_only))
-    else if (.not. (x%interpolate_only .or. x%end_known)) then
+                   merge(phase_end_received, phase_interpolant_start_received, x%last%requested))
+    else if (.not. (x%last%requested .or. x%end_known)) then
       call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     else
       call interpolate(x)
@@ -121,9 +122,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (begins => x%phase == phase_interpolant_start_received)
-      if (begins .and. x%interpolate_only) then
-        x%last_slope(:) = x%request%answer
-      else if (begins .or. x%interpolate_only) then
+      if (begins .and. x%last%requested) then
+        x%last%slope(:) = x%request%answer
+      else if (begins .or. x%last%requested) then
         x%slope(:) = x%request%answer
         x%slope_known = begins .or. x%t == x%request%t
       else
@@ -147,12 +148,12 @@ contains
 
     associate (self => x%interpolant)
       self%noisy = x%problem%record%heated
-      if (x%interpolate_only) then
+      if (x%last%requested) then
         self%t0 = x%last%t
         self%h = x%last%h
-        self%y0(:) = x%last_y
+        self%y0(:) = x%last%y
         self%y1(:) = x%y(:, 0)
-        self%vectors(:, 1) = x%last_slope
+        self%vectors(:, 1) = x%last%slope
         self%vectors(:, 2) = x%slope
       else
         self%t0 = x%t
@@ -164,9 +165,9 @@ contains
       end if
       if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
         call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
-        if (status == finished) &
+        if (status == no_stop) &
           call add_constraint_forces(x%frame, self%y1, .true., self%vectors(:, 2), status)
-        if (status /= finished) then
+        if (status /= no_stop) then
           call fail(x, status, self%t0)
           return
         end if
@@ -175,7 +176,7 @@ contains
     if (any(x%frame%blocks%kind == callback_block)) &
       x%interpolant%step_flows = flows_of_step(x, x%interpolant%h)
     call begin_interpolant(logical(x%problem%record%unique_flows), x%f, x%interpolant, exists)
-    if (x%needs_interpolant .or. x%interpolate_only .or. x%interpolant%complete) then
+    if (x%interpolant%needed .or. x%last%requested .or. x%interpolant%complete) then
       call advance_interpolant(x, exists)
     else
       call make_cubic(exists, x%interpolant)
@@ -242,18 +243,18 @@ contains
     real(wp) :: theta_end                    ! where an event ends the step, as a fraction of it
     logical :: by_event                      ! whether an event ended the step
 
-    if (x%interpolate_only) then
+    if (x%last%requested) then
       call store_interpolant(output, x%member, x%t, x%interpolant)
-      x%interpolate_only = .false.
+      x%last%requested = .false.
       x%phase = phase_choose_step
-      x%status = merge(paused, output%status, output%status == finished)
+      x%status = merge(paused, output%status, output%status == no_stop)
       return
     end if
     by_event = .false.
-    if (x%seeks_events) then
+    if (allocated(x%zeros)) then
       ! the interpolant has all its nodes, so that their memory is free
       call store_zeros(x, output, theta_end, by_event, x%interpolant%y)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
       deallocate (x%zeros)
     end if
     if (by_event) then
@@ -275,16 +276,17 @@ contains
     call store_outputs(x, t, y, output)
     if (output%record%dense) call store_interpolant(output, x%member, t, x%interpolant)
     last = by_event .or. t == x%problem%stops(size(x%problem%stops))
-    if (output%status == finished) call store_step(output, x%counts%steps, t, y, last)
-    if (output%status /= finished) then
+    if (output%status == no_stop) call store_step(output, x%counts%steps, t, y, last)
+    if (output%status /= no_stop) then
       call fail(x, output%status, t, observer_failed)
       return
     end if
-    if (size(x%last_y) > 0) then
-      x%last = last_step_t(cut=by_event, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
-      x%last_y(:) = x%y(:, 0)
-      x%last_slope(:) = x%slope
-      if (.not. x%slope_known) x%last_slope = nan
+    if (size(x%last%y) > 0) then
+      x%last%last_step_times_t = last_step_times_t( &
+        cut=by_event, t=x%t, h=x%t_end - x%t, start=within_segment(x, x%t))
+      x%last%y(:) = x%y(:, 0)
+      x%last%slope(:) = x%slope
+      if (.not. x%slope_known) x%last%slope = nan
     end if
     call begin_next_step(x, t, y, by_event)
   end subroutine store_until
@@ -310,7 +312,7 @@ contains
     x%phase = merge(phase_begin_segment, phase_choose_step, at_stop)
     x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
-    if (jumps) call forget_step(x)
+    if (jumps) call forget_step(x, near=.false.)
     if (.not. by_event) then
       x%events%at_start = x%events%at_end
     else if (any(x%events%count >= x%problem%events%table%limit) &
@@ -337,23 +339,23 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
 
-    associate (point => x%request%y)    ! no request is pending, so that its memory is free
-      do while (x%outputs_done < output%outputs)
-        associate (time => output%times(x%outputs_done + 1))
+    associate (point => x%point, passed => x%outputs_passed, inner => x%problem%inner)
+      do while (passed < output%outputs)
+        associate (time => output%times(passed + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
             call prepare_next(x, output)
-            point = x%problem%inner%y(:, x%outputs_done + 1 - x%inner_from)
+            point = inner%y(:, passed + 1 - inner%from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
-        x%outputs_done = x%outputs_done + 1
-        call store_point(output, x%member, x%outputs_done, point)
-        if (output%status /= finished) return
+        passed = passed + 1
+        call store_point(output, x%member, passed, point)
+        if (output%status /= no_stop) return
       end do
     end associate
   end subroutine store_outputs
@@ -364,11 +366,11 @@ contains
     type(output_t), intent(in) :: output
     integer :: count
 
-    count = min(size(x%problem%inner%theta), output%outputs - x%outputs_done)
-    x%inner_from = x%outputs_done
+    count = min(size(x%problem%inner%theta), output%outputs - x%outputs_passed)
     associate (inner => x%problem%inner, &
-               times => output%times(x%outputs_done + 1:x%outputs_done + count))
+               times => output%times(x%outputs_passed + 1:x%outputs_passed + count))
       inner%owner = x%member
+      inner%from = x%outputs_passed
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
     end associate
@@ -379,11 +381,11 @@ contains
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (point => x%request%y, inner => x%problem%inner, &
+    associate (point => x%point, inner => x%problem%inner, &
                first => x%method%path_first(x%method%result), &
                last => x%method%path_first(x%method%result + 1) - 1)
       ! members with common steps may have prepared points of theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs_done - x%inner_from < inner%count) return
+      if (inner%owner == x%member .and. x%outputs_passed - inner%from < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
       call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)

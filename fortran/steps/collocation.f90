@@ -16,7 +16,9 @@ module collocation_m
   use coordinates_m, only: coordinate_sizes, error_norm, error_scales, tangent
   use frames_m, only: apply_flows
   use requests_m, only: reject_stage, request
-  use trajectory_m
+  use phases_m, only: phase_column_received, phase_finish_step, phase_next_stage, &
+                      phase_stage_received
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy, dgetrf, dgetrs, zgetrf, zgetrs
   use shared_numbers, only: differences_jacobian, factor_operation, jacobian_operation, &
                             outside_jacobian, raised, solve_operation, stages_not_solved, &

@@ -1,19 +1,9 @@
-! The estimate of the error of a step, in tolerances.
-!
-! Norms e_i of differences of results and of sums of stages, h sum_k error(k, i) f_k, make up
-!
-!   e1 (e1 / hypot(e1, factor e2))^power,
-!
-! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
-! e1 is the larger one of two, see kink_weights in cg/construction/methods/end_weights.py. In the
-! form at_end_estimate (same file) e2, of a sum that sees the end of the step, which results don't,
-! isn't a divisor: the larger of e1 and factor e2 counts. Two such sums give e2^2 / hypot(e2, e3).
-!
-! Two such differences have two parts, the quadratures, where all values of f commute, and the rest,
-! from commutators. Where f changes along its own direction, and hardly in others, e2 is all
-! quadrature and e1 is all commutators, and the quotient says nothing. Thus each part has a quotient
-! of its own, and the estimate is the larger one, or their sum for Magnus methods. An EstimateForm
-! (cg/support/shared_numbers.py) says where the parts come from.
+! The estimate of the error of a step, in tolerances. EstimateForm in cg/support/shared_numbers.py
+! has the formulas: norms e_i of differences of results and of sums of stages make up quotients e1
+! (e1 / hypot(e1, factor e2))^power, which have the order of the error. Parts, the quadratures and
+! the commutators, have quotients of their own. Where f changes along its own direction, and hardly
+! in others, e2 would be all quadrature and e1 all commutators, and one quotient of both would say
+! nothing.
 !
 ! The rest of e1 of a Magnus method may also vanish by chance, and the quotient with it. Another
 ! estimate is the rest of e2, O(h^3), times a power of the change of the angle.
@@ -55,34 +45,33 @@ contains
 
     call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%difference, &
                       x%norms%scale)
-    if (x%method%embedded > 0) then
-      if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return
-    end if
+    if (.not. finite(x%frame%point_size, x%y(:, x%method%embedded))) return      ! 0 is the start
     call difference_norms(x, e)
-    x%error = combined(x%method, e(1, 1), e(1, 2))
+    x%estimate%error = combined(x%method, e(1, 1), e(1, 2))
     if (x%method%in_parts) then
-      parts = [x%error, combined(x%method, e(2, 1), e(2, 2))]
-      x%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
+      parts = [x%estimate%error, combined(x%method, e(2, 1), e(2, 2))]
+      x%estimate%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
       if (x%method%kind == linear_kind .and. e(2, 2) > 1) call raise_by_change(x, e(2, 2))
     else if (x%method%estimate == at_end_estimate) then
       if (e(1, 3) > 0 .and. e(1, 3) <= huge(1.0_wp)) &
         e(1, 2) = e(1, 2) * (e(1, 2) / hypot(e(1, 2), e(1, 3)))
-      x%error = max(e(1, 1), x%method%factor * e(1, 2))
+      x%estimate%error = max(e(1, 1), x%method%factor * e(1, 2))
     end if
     call raise_by_angle(x)
     if (.not. x%method%uses_last_nodes) return
-    if (x%h_before /= 0) then
-      call node_difference(x%method%c, x%f, x%h_before / x%h, x%f_before, x%norms%displacement)
+    if (x%estimate%h_before /= 0) then
+      call node_difference(x%method%c, x%f, x%estimate%h_before / x%h, x%estimate%f_before, &
+                           x%norms%displacement)
       x%norms%displacement = x%h * x%norms%displacement
       call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
-      x%error = max(x%error, displacement_norm(x))
+      x%estimate%error = max(x%estimate%error, displacement_norm(x))
     else                                     ! of the first step, and after a breakpoint or a jump
       ! without parts e2 is no estimate of its own
       change = variation(x)
       if (e(1, 1) > resolved_first * change) then
-        x%error = max(x%error, e(1, 1))
+        x%estimate%error = max(x%estimate%error, e(1, 1))
       else if (x%method%in_parts .and. e(1, 2) > resolved_second * change) then
-        x%error = max(x%error, e(1, 2))
+        x%estimate%error = max(x%estimate%error, e(1, 2))
       end if
     end if
   end subroutine estimate_error
@@ -99,10 +88,8 @@ contains
     end do
   end function variation
 
-  ! Computes the norms e_i of differences of results and of sums of stages. Each half of the sums
-  ! belongs to one difference, but sums at the end of the step belong to e2 and e3. The parts are
-  ! the sums, and the rest: with a third result, of the differences of results; where exponents of
-  ! Magnus methods are compared, sums of its own; on the algebra, sums of what dexp^-1 adds.
+  ! Computes the norms e_i. Each half of the sums belongs to one of them, but sums at the end of the
+  ! step belong to e2 and e3.
   subroutine difference_norms(x, e)
     type(trajectory_t), intent(inout) :: x   ! norms%displacement is that of the last sum
     real(wp), intent(out) :: e(:, :)         ! (part, i)
@@ -118,8 +105,8 @@ contains
         if (method%estimate == at_end_estimate) i = 1 + k
         part = merge(2 - mod(k, 2), 1, method%estimate == parts_of_sums_estimate)
         weight = x%h * method%error(:, k)
-        if (size(x%added) > 0) then
-          call combine(size(u), size(x%f, 2), weight, x%added, u)
+        if (size(x%estimate%added) > 0) then
+          call combine(size(u), size(x%f, 2), weight, x%estimate%added, u)
           call remove_isotropy(x%frame, x%y(:, x%result), u)
           call take_larger(e(2, i), displacement_norm(x))
           x%v(:, 1) = u                      ! the rest; all flows have been followed
@@ -127,7 +114,7 @@ contains
         call combine(size(u), size(x%f, 2), weight, x%f, u)
         if (method%kind == collocation_kind) call damp_displacement(x)
         call remove_isotropy(x%frame, x%y(:, x%result), u)
-        if (size(x%added) > 0) u = u - x%v(:, 1)
+        if (size(x%estimate%added) > 0) u = u - x%v(:, 1)
         error = displacement_norm(x)
         if (method%kind == polynomial_kind) error = hypot(e(1, i), error)
         call take_larger(e(part, i), error)
@@ -160,8 +147,8 @@ contains
     end do
     power = 1 / x%tolerances%exponent
     ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
-    x%error = max(x%error, rest * (change / unit_of_change)**(power - 3))
-    if (change > max_change) x%error = max(x%error, (change / max_change)**power)
+    x%estimate%error = max(x%estimate%error, rest * (change / unit_of_change)**(power - 3))
+    if (change > max_change) x%estimate%error = max(x%estimate%error, (change / max_change)**power)
   end subroutine raise_by_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power
@@ -184,8 +171,8 @@ contains
     excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
     if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
-    if (excess <= max(x%error, min_excess)) return
-    if (.not. variation(x) <= 1) x%error = excess
+    if (excess <= max(x%estimate%error, min_excess)) return
+    if (.not. variation(x) <= 1) x%estimate%error = excess
   end subroutine raise_by_angle
 
   ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what

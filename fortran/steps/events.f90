@@ -17,8 +17,7 @@ module events_m
     type(callback_t) :: callback
     type(member_data_t) :: data              ! where a function has no data of its own
   contains
-    procedure :: value => event_value
-    procedure :: jump => event_jump
+    procedure :: value => event_value, jump => event_jump
   end type events_t
 
   type :: observer_t

@@ -1,10 +1,7 @@
-! A heat bath: friction and noise of momenta, by Langevin's equation
-!
-!   dp = (...) dt - gamma p dt + (2 gamma T J)^(1/2) dW,
-!
-! whose part of friction and noise alone is solved exactly, in the middle of a step of a symmetric
-! splitting method. The noise is a function of the seed, the member and the time of the step, so
-! that neither the order of members nor an interruption changes it.
+! A heat bath: friction and noise of momenta, by Langevin's equation (cg/integration/heat_bath.py),
+! solved exactly in the middle of a step of a symmetric splitting method. The noise is a function of
+! the seed, the member and the time of the step, so that neither the order of members nor an
+! interruption changes it.
 module heat_bath_m
   use kinds, only: wp
   use, intrinsic :: iso_c_binding, only: c_double, c_int64_t

@@ -1,13 +1,12 @@
-! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are
-! the coefficients at the stages, which lie in a linear space whatever the manifold is:
-!
-!   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
+! The stage equations of implicit Crouch-Grossman methods (one weight per flow), k_i = f(t + c_i h,
+! Y_i(k)) with Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y. The unknowns are the coefficients at
+! the stages, which lie in a linear space whatever the manifold is.
 !
 ! If A is lower triangular, each stage is a block of its own, solved after those before it;
 ! otherwise all stages are one block. The fixed-point iteration repeats the equation. Newton's
 ! method takes the Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B.
 ! Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of
-! the exponential inside the difference, and keeps its factors, also over several steps of the same
+! the exponential inside the difference. It keeps its factors, also over several steps of the same
 ! size, as long as corrections decrease by a factor of ten. Both iterate down to the level of
 ! rounding, since invariants are preserved as accurately as stages are solved.
 module implicit_m
@@ -16,7 +15,8 @@ module implicit_m
   use vectors_m, only: dgetrf, dgetrs
   use paths_m, only: request_on_path
   use requests_m, only: reject_stage
-  use trajectory_m
+  use phases_m, only: phase_finish_step, phase_next_stage
+  use trajectory_m, only: trajectory_t
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private

@@ -17,7 +17,7 @@ module inputs_m
   type :: grid_t
     real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
     real(wp) :: last = 0.0_wp, stop = 0.0_wp           ! last: size of the last step
-    integer(int64) :: steps = 0
+    integer(int64) :: steps = 0, done = 0              ! done: those that have been taken
   end type grid_t
 
   ! The data of members, which functions in C get

@@ -1,35 +1,20 @@
-! The solution within one step, on the manifold and as accurate as the step, in one of two forms,
-! whose coefficients cg/construction/methods/interpolant.py derives: by flows, or on a Lie algebra.
+! The solution within one step, on the manifold and as accurate as the step, in one of two forms
+! that cg/construction/methods/interpolant.py explains: on a Lie algebra, or by flows.
 !
-! By flows, the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P
-! at nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve z' = h
-! sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method. One more flow moves z(1) to y1:
+! On a Lie algebra the coordinates are u(theta) = h sum_d phi_d(theta) sum_j basis_jd k_j.
 !
-!   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
+! By flows, a polynomial P through the coefficients at nodes leads to z(theta), and one more flow
+! moves it to y(theta) = exp(w(theta) v) z(theta), with exp(v) z(1) = y1. Nodes are added one at a
+! time, with splitting methods two: the coefficients at them are evaluated where the interpolant
+! with fewer nodes leads. For linear equations with flows along polynomials, z with nodes at the
+! stages is y, without a last flow.
 !
-! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
-! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
-! Nodes are added one at a time, with splitting methods two: the coefficients at n + 1 (n + 2)
-! nodes are evaluated where the interpolant with n nodes leads. For linear equations with flows
-! along polynomials, z with nodes at the stages is y, without a last flow. The coefficients of a
-! splitting method are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
+! Where there are many v, the shortest one may be far from the error of P. This happens if isotropy
+! turns much within the step, as near singular matrices. There v composes in the group the flows to
+! z(1), backward, and the flows of the step.
 !
-! Where the fields don't span all directions there may be no such v. The v of the nearest tangent
-! removes the leading error of P too, a combination of fields; the rest of y1 - y(1) is of the order
-! of the errors of y1 and y. Where there are many v, the shortest one may be far from the error of P
-! if isotropy turns much within the step, as near singular matrices. There v composes in
-! the group the flows to z(1), backward, and the flows of the step.
-!
-! Where noise is in the middle of a step, its second half is followed backward from y1, and the last
-! flow moves positions alone, which meet in the middle: elsewhere they move with their momenta.
-!
-! On a Lie algebra the coordinates of y = exp(u) y0 are a polynomial,
-!
-!   u(theta) = h sum_d phi_d(theta) sum_j basis_jd k_j,
-!   phi_d = theta, theta (1 - theta), theta^2 (1 - theta), theta^2 (1 - theta)^2, ...,
-!
-! in derivatives k_j of coordinates: at the stages of a flat method, or at the start and the mean
-! u(1) / h; then at the end, and at further nodes, to each of which the k_j before it lead.
+! Where noise is in the middle of a step, its second half is followed backward from y1. The last
+! flow then moves positions alone, which meet in the middle: elsewhere they move with their momenta.
 module interpolant_m
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
@@ -48,6 +33,7 @@ module interpolant_m
   type :: interpolant_t
     type(frame_t), pointer :: frame => null()
     type(scheme_t), pointer :: scheme => null()
+    logical :: needed = .false.              ! whether a cubic isn't enough for output and events
     logical :: on_algebra = .false., complete = .false.
     logical :: noisy = .false.               ! whether noise is in the middle of the step
     integer :: known = 0                     ! derivatives or nodes so far, their number

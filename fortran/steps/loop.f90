@@ -20,9 +20,10 @@ module loop_m
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          max_step_by_turn, request_curvature
   use requests_m, only: retry_step
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, needs_events, needs_maximum, paused, polynomial_kind
+  use shared_numbers, only: finished, needs_events, needs_maximum, no_stop, paused, polynomial_kind
   implicit none
   private
   public :: resume
@@ -35,13 +36,14 @@ contains
     type(output_t), intent(inout) :: output
     integer(int64), intent(inout) :: budget            ! steps to try until the next pause
 
-    if (any(x%status == [needs_maximum, paused])) x%status = finished
-    do while (x%status == finished .and. x%phase /= phase_ended)
+    if (any(x%status == [needs_maximum, paused])) x%status = no_stop
+    do while (x%status == no_stop .and. x%phase /= phase_ended)
       call advance(x, output, budget)
       if (x%status == needs_events) exit
-      x%queries = 0                          ! the phase that needed values of events is done
-      x%answered = 0
+      x%queries%count = 0                          ! the phase that needed values of events is done
+      x%queries%answered = 0
     end do
+    if (x%status == no_stop) x%status = finished
   end subroutine resume
 
   ! Runs the procedure of the phase, which sets the next phase.

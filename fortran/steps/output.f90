@@ -8,8 +8,8 @@ module output_m
   use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use linear_action_m, only: inner_points_t
   use method_m, only: scheme_t
-  use shared_numbers, only: finished, interpolant_columns, interpolant_on_algebra, &
-                            interpolant_size, out_of_memory, record_t
+  use shared_numbers, only: interpolant_columns, interpolant_on_algebra, interpolant_size, &
+                            no_stop, out_of_memory, record_t
   use vectors_m, only: add_columns
   implicit none
   private
@@ -23,7 +23,7 @@ module output_m
     ! (point_size, members, outputs), (observations, members, outputs), null to store none
     real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
     type(observer_t) :: observer
-    integer :: status = finished             ! raised if the observer has failed, or out_of_memory
+    integer :: status = no_stop             ! raised if the observer has failed, or out_of_memory
     ! rows of the caller are columns here
     real(wp), allocatable :: steps(:, :)     ! time, point and observations, of a single trajectory
     real(wp), allocatable :: interpolants(:, :)        ! InterpolantColumn, points, coefficients
@@ -42,7 +42,7 @@ contains
 
     if (used == size(rows, 2, int64)) call add_columns(rows, first_capacity, alloc_status)
     if (used == size(rows, 2, int64)) output%status = out_of_memory
-    if (output%status == finished) used = used + 1
+    if (output%status == no_stop) used = used + 1
   end subroutine add_row
 
   ! Stores a point at an output time, and what is observed there.
@@ -67,7 +67,7 @@ contains
     if (output%record%every == 0) return
     if (.not. (last .or. mod(number, output%record%every) == 0)) return
     call add_row(output, output%steps, output%record%steps)
-    if (output%status /= finished) return
+    if (output%status /= no_stop) return
     associate (row => output%steps(:, output%record%steps), &
                n => merge(size(y), 0, output%record%keeps_points))
       row(1) = t
@@ -85,7 +85,7 @@ contains
     type(interpolant_t), intent(in) :: interpolant
 
     call add_row(output, output%interpolants, output%record%interpolants)
-    if (output%status == finished) output%interpolants(:, output%record%interpolants) = &
+    if (output%status == no_stop) output%interpolants(:, output%record%interpolants) = &
       [real(member, wp), interpolant%t0, interpolant%h, t_end, merge(1.0_wp, 0.0_wp, &
        interpolant%on_algebra), interpolant%y0, interpolant%y1, interpolant%vectors]
   end subroutine store_interpolant
@@ -152,7 +152,7 @@ contains
     real(wp), contiguous, intent(in) :: before(:), after(:)    ! (point_size)
 
     call add_row(output, output%events, output%record%events)
-    if (output%status == finished) output%events(:, output%record%events) = &
+    if (output%status == no_stop) output%events(:, output%record%events) = &
       [real(member, wp), real(event, wp), t, before, after]
   end subroutine store_event
 

@@ -1,23 +1,19 @@
 ! The ends of the paths of method_t: y_path = exp(h sum_k weight_k f_stage(k)) ... y_origin, by
 ! flows of the frame, the flow of the lowest stage first. Kinds of methods differ:
 !
-! Explicit stages: each point is reached from coefficients that are known (E. Celledoni, A.
-! Marthinsen, B. Owren, "Commutator-free Lie group methods", FGCS 19 (2003)). On the Lie algebra
-! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0 (H. Munthe-Kaas,
-! "High order Runge-Kutta methods on manifolds", Appl. Numer. Math. 29 (1999)). Methods of two
-! registers (A. Bazavov, arXiv:2007.04225, 2020) have Z_i = a_i Z_(i-1) + f_i and y_i =
+! Explicit stages: each point is reached from coefficients that are known. On the Lie algebra
+! coefficients become derivatives of the coordinates u of a point, y = exp(u) y_0. Methods of two
+! registers (cg/construction/methods/low_storage.py) have Z_i = a_i Z_(i-1) + f_i and y_i =
 ! exp(h b_i Z_i) y_(i-1), with the register Z in place of coefficients at stages, and y_i in place
 ! of the ends of paths; the last y_i is the result.
 !
 ! RATTLE (H. C. Andersen, J. Comput. Phys. 52 (1983)): kicks and drifts of mechanical systems with
-! joints. Impulses along the derivatives G of constraints before each drift close them at its end,
-!
-!   q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda),   g(q_1) = 0,
-!
-! by Broyden's method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also
-! removes what opens the joints from the momentum at the end of a step. It starts from impulses that
-! continue those of the two steps before. Between the drifts of a step nothing has to be removed,
-! since the next impulses would replace it. The drift is the exact free motion of the bodies.
+! joints. Impulses along the derivatives G of constraints before each drift close them at its end:
+! g(q_1) = 0 for q_1 = drift_h(q_0, mu_0 + h k F + G(q_0)^T lambda). They are found by Broyden's
+! method from lambda <- lambda - (h G J^-1 G^T)^-1 g(q_1) at q_0, where the factor also removes what
+! opens the joints from the momentum at the end of a step. It starts from impulses that continue
+! those of the two steps before. Between the drifts of a step nothing has to be removed, since the
+! next impulses would replace it. The drift is the exact free motion of the bodies.
 !
 ! With a heat bath the drift in the middle of a step is two halves, between which momenta exchange
 ! heat; what opens the joints is removed from them and from the noise, in the metric of J^-1.
@@ -32,9 +28,10 @@ module paths_m
   use kinds, only: wp
   use linear_action_m, only: move_polynomially
   use requests_m, only: reject_stage, request
-  use shared_numbers, only: algebra_kind, finished, joints_not_solved, polynomial_kind, &
+  use shared_numbers, only: algebra_kind, joints_not_solved, no_stop, polynomial_kind, &
                             registers_kind, splitting_kind, step_too_long
-  use trajectory_m
+  use phases_m, only: phase_next_stage, phase_stage_received
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
   implicit none
   private
@@ -59,7 +56,7 @@ contains
     parts = [1.0_wp, 0.5_wp]                 ! the middle is in a drift
     if (modulo(size(x%method%c), 2) == 1) parts = [0.5_wp, 0.0_wp]           ! it is in a kick
     call move_part(x, path, parts, y)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     associate (momenta => y(x%frame%momenta_offset + 1:))
       if (x%frame%jointed) call remove_opening(x%frame, x%joints%constraints, momenta)
       call exchange_heat(x%problem%record, x%frame, x%member, x%t, x%h, y)
@@ -77,7 +74,7 @@ contains
     integer :: k
 
     if (x%frame%jointed) call find_constraints(x, y)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     associate (m => x%frame%forces, flows => x%method%flows, flow => x%method%path_first(path), &
                time => parts(2) * (x%h * x%method%scheme%drift(x%method%path_first(path))), &
                momenta => y(x%frame%momenta_offset + 1:))      ! momenta and tangents
@@ -105,7 +102,7 @@ contains
     end if
     x%joints%configuration = y(:x%frame%linkage%momenta_offset)
     call constraints_at(x%frame, y, 1, x%joints%constraints, status)
-    if (status /= finished) call fail(x, status, x%t)
+    if (status /= no_stop) call fail(x, status, x%t)
   end subroutine find_constraints
 
   ! Adds impulses of the joints to momenta and moves the bodies freely, such that joints are closed.
@@ -131,7 +128,7 @@ contains
         call drift(x%frame, time, y)
         x%counts%nexp = x%counts%nexp + 1
         call evaluate_constraints(linkage, x%frame%blocks, x%frame%bodies, y, 0, trial, status)
-        if (status /= finished) exit
+        if (status /= no_stop) exit
         trial%scale(linkage%joint_rows + 1:) = start%scale(linkage%joint_rows + 1:)
         trial%min_scale(linkage%joint_rows + 1:) = start%min_scale(linkage%joint_rows + 1:)
         if (is_closed(trial, opening)) exit
@@ -144,7 +141,7 @@ contains
       impulse(:, 2) = impulse(:, 1)
       if (all(impulse(:, 1) == 0)) impulse(:, 2) = lambda
       impulse(:, 1) = lambda
-      if (status /= finished) then
+      if (status /= no_stop) then
         call fail(x, status, x%t)
       else if (i > max_iterations .or. .not. opening < huge(opening)) then
         call fail(x, joints_not_solved, x%t)
@@ -155,10 +152,10 @@ contains
     end associate
   end subroutine drift_closed
 
-  ! Turns a change z by the matrix of the first iteration into that of Broyden's method, whose
-  ! matrices aren't stored (C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations,
-  ! 1995, 7.3): with the changes s_j before, z + (s_j.z / |s_j|^2) s_(j+1) for each j, and last z /
-  ! (1 - s.z / |s|^2). The last factor is left out where it would more than double z.
+  ! Turns a change z by the matrix of the first iteration into that of Broyden's method. Instead of
+  ! its matrices the changes s_j before are kept: C. T. Kelley, Iterative Methods for Linear and
+  ! Nonlinear Equations, 1995, 7.3. Each adds (s_j.z / |s_j|^2) s_(j+1) to z, and the last one
+  ! divides z by 1 - s.z / |s|^2, unless this would more than double z.
   pure subroutine correct_change(i, change)
     integer, intent(in) :: i                 ! the iteration
     real(wp), intent(inout) :: change(:, :)  ! (rows, iterations) s_j, and z in column i
@@ -190,7 +187,7 @@ contains
       select case (x%method%kind)
       case (splitting_kind)
         call move_by_splitting(x, i, x%y(:, i))
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         if (x%frame%jointed) cycle           ! drifts with joints have counted and restored
       case (polynomial_kind)
         call move_polynomially(x%frame%blocks(1)%action, x%v(:, :after_last - first), &
@@ -244,7 +241,7 @@ contains
     else
       path = merge(0, x%method%stage_path(x%stage), x%problem%record%of_time)
       call follow_paths(x, path)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     call request(x, x%t + x%method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
   end subroutine request_on_path
@@ -272,7 +269,7 @@ contains
           call combine_flows(x%method%flows, x%weight, x%method%path_first(path), &
                              x%method%path_first(path), size(f), x%f, x%v)
         call dexpinv(x%frame, x%method%series, x%v(:, 1), f, exists)
-        if (size(x%added) > 0) x%added(:, x%stage) = f - x%request%answer
+        if (size(x%estimate%added) > 0) x%estimate%added(:, x%stage) = f - x%request%answer
       end associate
       if (.not. exists) then
         call reject_stage(x, step_too_long, x%t)

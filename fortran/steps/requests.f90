@@ -7,10 +7,12 @@ module requests_m
   use free_motion_m, only: complete_forces
   use controller_m, only: rejected_size
   use derivatives_m, only: coefficients_of
-  use shared_numbers, only: finished, joints_not_solved, needs_events, needs_maximum, needs_rhs, &
+  use shared_numbers, only: joints_not_solved, needs_events, needs_maximum, needs_rhs, no_stop, &
                             out_of_memory, raised, raised_in_python, rhs_not_finite, &
                             splitting_kind, stage_not_finite, stopped_by_rhs
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, point_at, query_event, query_numbers, query_theta, query_time, &
+                          time_at, trajectory_t
   use inputs_m, only: evaluate_rhs
   use vectors_m, only: add_columns, copy, finite
   implicit none
@@ -42,8 +44,7 @@ contains
   ! of the point, which it may overwrite.
   subroutine request(x, t, y, next)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(x%frame%point_size)
+    real(wp), intent(in) :: t, y(x%frame%point_size)
     integer, intent(in) :: next                        ! phase
 
     x%request%t = t
@@ -80,11 +81,11 @@ contains
         call complete_forces(x%frame, y, splits, .not. splits .or. x%phase == phase_node_received, &
                              f, status)
         if (status == joints_not_solved) call reject_stage(x, status, x%request%t)
-        if (all(status /= [finished, joints_not_solved])) call fail(x, status, x%request%t)
-        if (status /= finished) return
+        if (all(status /= [no_stop, joints_not_solved])) call fail(x, status, x%request%t)
+        if (status /= no_stop) return
       end if
       if (code == 0 .and. finite(size(f), f)) then
-        x%status = finished
+        x%status = no_stop
       else if (code == raised_in_python) then
         call fail(x, raised, x%request%t)
       else if (.not. finite(size(y), y)) then
@@ -107,10 +108,10 @@ contains
       call reject_accepted_step(x, status, t)
     else if (x%phase == phase_curvature_received) then
       x%request%answer = huge(1.0_wp)               ! choose_first_size keeps the guess
-      x%status = finished
+      x%status = no_stop
     else if (x%problem%adaptive .and. any(x%phase == [ &
              phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received])) then
-      x%status = finished
+      x%status = no_stop
       call share_error(x, huge(1.0_wp))
     else
       call fail(x, status, t)
@@ -123,12 +124,12 @@ contains
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    x%status = finished
-    if (x%interpolate_only .or. .not. x%problem%adaptive) then
-      if (.not. x%interpolate_only) x%counts%steps = x%counts%steps - 1
+    x%status = no_stop
+    if (x%last%requested .or. .not. x%problem%adaptive) then
+      if (.not. x%last%requested) x%counts%steps = x%counts%steps - 1
       call fail(x, status, t)
     else if (x%problem%record%common) then
-      x%error = huge(1.0_wp)
+      x%estimate%error = huge(1.0_wp)
       call share(x, 1.0_wp, phase_step_shared)
     else
       call retry_step(x)
@@ -164,8 +165,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: error
 
-    x%error = merge(error, huge(error), error < huge(error))
-    call share(x, x%error, phase_decide_step)
+    x%estimate%error = merge(error, huge(error), error < huge(error))
+    call share(x, x%estimate%error, phase_decide_step)
   end subroutine share_error
 
   ! Evaluates the function of an event at a fraction theta of the step, or for event 0 those of all
@@ -180,9 +181,9 @@ contains
     integer :: alloc_status, i, k
 
     k = 0
-    associate (query => x%query(:, :x%answered), &
+    associate (query => x%queries%columns(:, :x%queries%answered), &
                offset => query_numbers + x%frame%point_size + max(event, 1) - 1)
-      if (x%answered > 0) k = findloc( &
+      if (x%queries%answered > 0) k = findloc( &
         nint(query(query_event, :)) == event .and. query(query_theta, :) == theta, .true., 1)
       if (k > 0) then
         values = query(offset + 1:offset + size(values), k)
@@ -190,16 +191,17 @@ contains
         return
       end if
     end associate
-    associate (y => x%request%y, t => time_at(x, theta))     ! y is free: no request is pending
+    associate (y => x%point, t => time_at(x, theta), queries => x%queries)
       call point_at(x, theta, y)
       if (x%problem%events%vectorized) then
-        if (x%queries == size(x%query, 2)) call add_columns(x%query, 1, alloc_status)
-        if (x%queries == size(x%query, 2)) then
+        if (queries%count == size(queries%columns, 2)) &
+          call add_columns(queries%columns, 1, alloc_status)
+        if (queries%count == size(queries%columns, 2)) then
           call fail(x, out_of_memory, t)
           return
         end if
-        x%queries = x%queries + 1
-        x%query(:query_numbers + size(y), x%queries) = [ &
+        queries%count = queries%count + 1
+        queries%columns(:query_numbers + size(y), queries%count) = [ &
           real(event, wp), theta, t, real(x%member - 1, wp), y]
         x%status = needs_events
         return
@@ -219,7 +221,7 @@ contains
     real(wp) :: values(size(x%events)), smallest
 
     call evaluate_events(x, 0, 0.0_wp, values)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     smallest = epsilon(1.0_wp) * maxval(abs(x%y(:x%problem%events%width, 0)))
     x%events_known = .true.
     x%events%at_start = values

@@ -11,10 +11,11 @@ module step_m
   use frames_m, only: apply_flows
   use implicit_m, only: request_implicit, receive_implicit
   use requests_m, only: request, share_error, within_segment
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: finite
-  use shared_numbers, only: at_end_estimate, collocation_kind, finished, implicit_kind, &
-                            max_suspicion, needs_rhs, raised_by_rejection, registers_kind, &
+  use shared_numbers, only: at_end_estimate, collocation_kind, implicit_kind, max_suspicion, &
+                            needs_rhs, no_stop, raised_by_rejection, registers_kind, &
                             solution_not_finite
   implicit none
   private
@@ -93,7 +94,7 @@ contains
     do k = 1, times
       x%request%answer(:m) = answers(:, k)
       if (k == times .or. .not. finite(m, answers(:, k))) return
-      x%status = finished
+      x%status = no_stop
       call receive_stage(x)
       if (x%phase /= phase_next_stage) return          ! the step is rejected
       x%counts%nfev = x%counts%nfev + 1
@@ -112,19 +113,20 @@ contains
       if (x%problem%adaptive) last = max(last, x%method%embedded, x%method%third)
       if (size(x%method%bracket, 3) > 0) call find_brackets(x)
       call follow_paths(x, last)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     x%phase = phase_decide_step
     if (x%problem%adaptive) then
-      x%error = huge(1.0_wp)
+      x%estimate%error = huge(1.0_wp)
       if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(x)
-      if (x%method%kind == collocation_kind .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-          .and. (x%control%after_rejection .or. x%collocation%replaced &
-                 .or. x%collocation%h_before == 0)) then
-        call request_error(x)
-      else
-        call share_error(x, x%error)
-      end if
+      associate (error => x%estimate%error, newton => x%collocation)
+        if (x%method%kind == collocation_kind .and. error > 1 .and. error < huge(1.0_wp) .and. &
+            (x%control%after_rejection .or. newton%replaced .or. newton%h_before == 0)) then
+          call request_error(x)
+        else
+          call share_error(x, error)
+        end if
+      end associate
     else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
       call fail(x, solution_not_finite, x%t_end)
     end if
@@ -149,7 +151,7 @@ contains
 
     x%f(:, 1) = x%request%answer
     call estimate_error(x)
-    call share_error(x, x%error)
+    call share_error(x, x%estimate%error)
   end subroutine receive_error
 
   ! Accepts a step, or chooses a smaller one in its place.
@@ -162,8 +164,8 @@ contains
     x%phase = merge(phase_choose_step, phase_accepted, rejected)
     if (rejected) return
     if (x%problem%adaptive .and. x%method%uses_last_nodes) then
-      x%f_before(:, :) = x%f
-      x%h_before = x%h
+      x%estimate%f_before(:, :) = x%f
+      x%estimate%h_before = x%h
     end if
     if (x%method%kind == collocation_kind) call keep_step(x)
     ! other methods than RATTLE have moved along forces that keep joints closed up to their error

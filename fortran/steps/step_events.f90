@@ -17,13 +17,14 @@ module step_events_m
   use kinds, only: wp
   use output_m, only: output_t, store_event
   use requests_m, only: evaluate_events, reject_accepted_step
-  use shared_numbers, only: callback_block, event_record_t, finished, needs_events, out_of_memory, &
-                            parts_of_turn, raised, resting_contact, splitting_kind, step_too_long, &
-                            step_too_long_for_events
+  use shared_numbers, only: callback_block, event_record_t, needs_events, no_stop, out_of_memory, &
+                            parts_of_turn, raised, resting_contact, splitting_kind, &
+                            step_too_long, step_too_long_for_events
   use trajectory_m, only: event_state_t, fail, point_at, time_at, trajectory_t, zero_t
+  use zero_finding_m, only: choose_trial, crosses, narrow, power_of_growth, sample_t
   implicit none
   private
-  public :: crosses, ends_step, find_zeros, store_zeros
+  public :: ends_step, find_zeros, store_zeros
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53 iterations, far more towards zero; interpolations are at most as many.
@@ -41,12 +42,6 @@ module step_events_m
   ! the accuracy of zeros; or by the second, where rounding has changed the sign before the zero.
   real(wp), parameter :: same_time_tolerance = 32 * epsilon(1.0_wp)
   real(wp), parameter :: decided_by_rounding = sqrt(epsilon(1.0_wp))
-
-  ! The value of an event's function at a fraction of the step
-  type :: sample_t
-    real(wp) :: theta = 0.0_wp, value = 0.0_wp
-    real(wp) :: rounding = 0.0_wp            ! rounding of the value, where it is needed
-  end type sample_t
 
 contains
 
@@ -80,7 +75,7 @@ contains
     do i = 1, max_root_iterations
       new%theta = a%theta + part * (b%theta - a%theta)
       call evaluate_sample(x, event, new)
-      if (x%status /= finished) exit
+      if (x%status /= no_stop) exit
       c = b
       if (new%value * sign(1.0_wp, a%value) > 0) then
         c = a
@@ -103,17 +98,6 @@ contains
     end do
   end subroutine find_zero
 
-  ! Whether a function changes sign in an interval. A zero at the start doesn't count: it belongs to
-  ! the interval before, or is the initial point. A change by more than half a period is a wrap.
-  pure elemental logical function crosses(before, after, row)
-    real(wp), intent(in) :: before, after
-    type(event_record_t), intent(in) :: row  ! the event's; the period is 0 without one
-
-    crosses = (before < 0 .and. after >= 0 .and. row%direction >= 0) &
-              .or. (before > 0 .and. after <= 0 .and. row%direction <= 0)
-    if (row%period > 0) crosses = crosses .and. abs(after - before) < row%period / 2
-  end function crosses
-
   ! Whether an event ends the step, by a jump or since it is the last one
   pure elemental logical function ends_step(event, row)
     type(event_state_t), intent(in) :: event
@@ -122,27 +106,14 @@ contains
     ends_step = row%jumps /= 0 .or. event%count + 1 >= row%limit
   end function ends_step
 
-  ! Finds the zeros of all events in a step, unless it is too long or a function fails. While values
-  ! are requested, nothing changes. Before the interpolant is complete, times aren't computed.
+  ! Finds the zeros of all events in a step, unless it is too long or a function fails. Values at
+  ! the ends of parts are requested together, then for each event those that its zeros need. In the
+  ! meantime nothing changes. Before the interpolant is complete, times aren't computed.
   subroutine find_zeros(x)
     type(trajectory_t), intent(inout) :: x   ! x%zeros are set
-    type(event_state_t), allocatable :: events(:)
-
-    if (x%problem%events%vectorized) events = x%events
-    call try_to_find_zeros(x)
-    if (x%status == needs_events .and. allocated(events)) then
-      x%events(:) = events
-      if (allocated(x%zeros)) deallocate (x%zeros)
-    end if
-  end subroutine find_zeros
-
-  ! Finds the zeros of all events in a step, as far as values are known. Those at the ends of parts
-  ! are requested together, then for each event those that its zeros need.
-  subroutine try_to_find_zeros(x)
-    type(trajectory_t), intent(inout) :: x
-    logical :: waits
-    real(wp) :: middle(size(x%events))                 ! values in the middle
-    real(wp), allocatable :: theta(:), values(:, :)    ! (0:parts), (0:parts, events)
+    logical :: may_cross, waits
+    type(sample_t), allocatable :: samples(:, :)       ! (0:parts, events) at the ends of parts
+    type(event_state_t) :: events(size(x%events))      ! before
     integer :: i, alloc_status, max_parts, n
 
     n = count_parts(x)
@@ -154,52 +125,53 @@ contains
       if (.not. x%problem%adaptive) call fail(x, step_too_long_for_events, x%t)
       return
     end if
-    x%zeros = [zero_t ::]
-    if (n == min_parts) then
-      call evaluate_events(x, 0, 0.5_wp, middle)
-      if (x%status /= finished) return
-      if (all(keeps_sign(x%events, middle))) return
-    end if
-    allocate (theta(0:n), values(0:n, size(x%events)), stat=alloc_status)
+    allocate (samples(0:n, size(x%events)), stat=alloc_status)
     if (alloc_status /= 0) then
       call fail(x, out_of_memory, x%t)
       return
     end if
-    call evaluate_parts(x, middle, theta, values)
-    if (x%status /= finished) return
+    call evaluate_parts(x, samples, may_cross)
+    if (x%status /= no_stop) return
+    x%zeros = [zero_t ::]
+    if (.not. may_cross) return
+    events = x%events
     waits = .false.
-    do i = 1, size(values, 2)
-      if (x%events(i)%sign_before /= 0) call find_after_event(x, i, theta, values(:, i))
-      if (x%status == finished) call find_zeros_of_event(x, i, theta, values(:, i))
+    do i = 1, size(samples, 2)
+      if (x%events(i)%sign_before /= 0) call find_after_event(x, i, samples(:, i))
+      if (x%status == no_stop) call find_zeros_of_event(x, i, samples(:, i))
       if (x%status == needs_events) then     ! the other events request their values, too
         waits = .true.
-        x%status = finished
-      else if (x%status /= finished) then
+        x%status = no_stop
+      else if (x%status /= no_stop) then
         return
       end if
     end do
-    if (waits) x%status = needs_events
-  end subroutine try_to_find_zeros
+    if (.not. waits) return
+    x%status = needs_events
+    x%events = events
+    deallocate (x%zeros)
+  end subroutine find_zeros
 
   ! Evaluates the functions of all events at the ends of parts: every second one, then the others.
-  subroutine evaluate_parts(x, middle, theta, values)
+  subroutine evaluate_parts(x, samples, may_cross)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: middle(:)                  ! (events) values in the middle, if known
-    real(wp), intent(out) :: theta(0:)                 ! (0:parts)
-    real(wp), intent(inout) :: values(0:, :)           ! (0:parts, events)
+    type(sample_t), intent(inout) :: samples(0:, :)    ! (0:parts, events)
+    logical, intent(out) :: may_cross        ! whether the middle is near enough to a zero
     integer :: begin, k, n
 
-    n = ubound(theta, 1)
-    theta = [(real(k, wp) / real(n, wp), k=0, n)]
-    values(0, :) = x%events%at_start
-    values(n, :) = x%events%at_end
-    if (n == min_parts) values(2, :) = middle
-    do begin = merge(1, 2, n == min_parts), 1, -1      ! with four parts the even ones are known
+    n = ubound(samples, 1)
+    do k = 0, n
+      samples(k, :)%theta = real(k, wp) / real(n, wp)
+    end do
+    samples(0, :)%value = x%events%at_start
+    samples(n, :)%value = x%events%at_end
+    do begin = 2, 1, -1
       do k = begin, n - 1, 2
-        call evaluate_events(x, 0, theta(k), values(k, :))
-        if (all(x%status /= [finished, needs_events])) return
+        call evaluate_events(x, 0, samples(k, 1)%theta, samples(k, :)%value)
+        if (all(x%status /= [no_stop, needs_events])) return
       end do
-      if (x%status == needs_events) return
+      may_cross = n > min_parts .or. .not. all(keeps_sign(x%events, samples(2, :)%value))
+      if (x%status == needs_events .or. .not. may_cross) return
     end do
   end subroutine evaluate_parts
 
@@ -233,112 +205,65 @@ contains
   end function count_parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of_event(x, event, theta, values)
+  subroutine find_zeros_of_event(x, event, samples)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
+    type(sample_t), contiguous, intent(in) :: samples(0:)        ! (0:parts)
     type(sample_t) :: extremum
     integer :: k, pair                                 ! pair: the last part with a pair of zeros
     logical :: exists
 
     pair = 0
-    do k = 1, ubound(theta, 1)
-      call add_zero(x, event, sample_t(theta(k - 1), values(k - 1)), sample_t(theta(k), values(k)))
-      if (x%status /= finished .or. k == ubound(theta, 1)) return
-      call find_turning_point(x, event, theta(k - 1:k + 1), values(k - 1:k + 1), extremum, exists)
-      if (x%status /= finished) return
-      if (.not. exists .or. (extremum%theta < theta(k) .and. pair == k)) cycle
-      pair = merge(k, k + 1, extremum%theta < theta(k))
-      call add_zero(x, event, sample_t(theta(pair - 1), values(pair - 1)), extremum)
-      if (x%status == finished) &
-        call add_zero(x, event, extremum, sample_t(theta(pair), values(pair)))
-      if (x%status /= finished) return
+    do k = 1, ubound(samples, 1)
+      call add_zero(x, event, samples(k - 1), samples(k))
+      if (x%status /= no_stop .or. k == ubound(samples, 1)) return
+      call find_turning_point(x, event, samples(k - 1:k + 1), extremum, exists)
+      if (x%status /= no_stop) return
+      if (.not. exists .or. (extremum%theta < samples(k)%theta .and. pair == k)) cycle
+      pair = merge(k, k + 1, extremum%theta < samples(k)%theta)
+      call add_zero(x, event, samples(pair - 1), extremum)
+      if (x%status == no_stop) call add_zero(x, event, extremum, samples(pair))
+      if (x%status /= no_stop) return
     end do
   end subroutine find_zeros_of_event
 
   ! Finds a point between three of the same sign where the function is zero or has the other sign,
-  ! by parabolas whose minima are half as far from zero each time. Parabolas through far values miss
-  ! narrow dips: where no later three values see it, a minimum near to zero is tried too or, beyond
-  ! an end near to zero, the middle of the part before it. In detection along the cubic, which isn't
+  ! by minima that are half as far from zero each time. In detection along the cubic, which isn't
   ! accurate, coming near to zero is enough.
-  subroutine find_turning_point(x, event, ends, values, extremum, exists)
+  subroutine find_turning_point(x, event, samples, extremum, exists)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), intent(in) :: ends(3), values(3)
+    type(sample_t), intent(in) :: samples(3)
     type(sample_t), intent(out) :: extremum
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.05_wp            ! relative to differences of values
-    real(wp) :: theta(3), v(3), near_zero, minimum     ! minimum: the parabola's
-    integer :: edge, i
-    logical :: bends, detects, lies_within
+    type(sample_t) :: three(3)                         ! with moduli of values
+    real(wp) :: limit, near_zero, side
+    logical :: detects
+    integer :: i
 
     detects = .not. x%interpolant%complete
-    theta = ends
-    v = abs(values)
+    side = sign(1.0_wp, samples(1)%value)
+    limit = merge(samples(2)%theta, huge(limit), samples(3)%theta < 1)
+    three = samples
+    three%value = abs(samples%value)
     exists = .false.
-    if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
+    if (.not. minval(samples%value * side) > 0) return
     do i = 1, max_iterations
-      call minimise_parabola(theta, v, extremum%theta, minimum, bends)
-      if (.not. bends) return
-      associate (vertex => extremum%theta)
-        near_zero = margin * (maxval(v) - minval(v))
-        lies_within = vertex > theta(1) .and. vertex < theta(3)
-        if (.not. (lies_within .and. (detects .or. minimum <= minval(v) / 2))) then
-          if (vertex > ends(2) .and. ends(3) < 1) return       ! the next three values are nearer
-          edge = merge(3, 1, vertex > theta(2))
-          if (.not. lies_within .or. minimum > near_zero) then
-            if (v(edge) > near_zero &
-                .or. abs(vertex - theta(edge)) > abs(theta(2) - theta(edge)) / 4) return
-            vertex = (theta(2) + theta(edge)) / 2
-          end if
-        end if
-        ! in detection the sign alone counts: any value of the other sign, without a call
-        exists = detects .and. min(minimum, minval(v)) < near_zero
-        extremum%value = -values(1)
-        if (exists .or. detects .and. minimum > minval(v) / 2) return
-        call evaluate_sample(x, event, extremum)
-        if (x%status /= finished) return
-        exists = extremum%value * sign(1.0_wp, values(1)) <= 0
-        if (exists) return
-        call narrow(theta, v, vertex, abs(extremum%value))
-      end associate
+      near_zero = margin * (maxval(three%value) - minval(three%value))
+      call choose_trial(three, near_zero, limit, detects, extremum, exists)
+      if (.not. exists) return
+      exists = detects .and. min(extremum%value, minval(three%value)) < near_zero
+      if (exists) extremum%value = -samples(1)%value   ! any value of the other sign, without a call
+      if (exists .or. detects .and. extremum%value > minval(three%value) / 2) return
+      call evaluate_sample(x, event, extremum)
+      if (x%status /= no_stop) return
+      exists = extremum%value * side <= 0
+      if (exists) return
+      call narrow(three, sample_t(extremum%theta, abs(extremum%value)))
     end do
   end subroutine find_turning_point
-
-  ! Finds the minimum of the parabola through three points.
-  pure subroutine minimise_parabola(theta, v, vertex, minimum, bends)
-    real(wp), intent(in) :: theta(3), v(3)
-    real(wp), intent(out) :: vertex, minimum           ! where the minimum is, and the value there
-    logical, intent(out) :: bends                      ! whether there is one
-    real(wp) :: first, second                          ! divided differences
-
-    first = (v(2) - v(1)) / (theta(2) - theta(1))
-    second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
-    bends = second > 0
-    vertex = 0.0_wp
-    minimum = 0.0_wp
-    if (.not. bends) return
-    vertex = (theta(1) + theta(2) - first / second) / 2
-    minimum = v(1) + (vertex - theta(1)) * (first + second * (vertex - theta(2)))
-  end subroutine minimise_parabola
-
-  ! Puts a point between three and leaves out the end that is farther from the smaller inner value.
-  pure subroutine narrow(theta, v, new_theta, value)
-    real(wp), intent(inout) :: theta(3), v(3)
-    real(wp), intent(in) :: new_theta, value
-    type(sample_t) :: inner(2)
-
-    inner = [sample_t(theta(2), v(2)), sample_t(new_theta, value)]
-    if (new_theta < theta(2)) inner = inner(2:1:-1)
-    if (inner(1)%value < inner(2)%value) then
-      theta(2:) = inner%theta
-      v(2:) = inner%value
-    else
-      theta(:2) = inner%theta
-      v(:2) = inner%value
-    end if
-  end subroutine narrow
 
   ! Adds the zero of an event between two points if there is one; in detection, any number there.
   subroutine add_zero(x, event, low, high)
@@ -354,93 +279,82 @@ contains
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function g is zero at the start of the step up to
-  ! rounding: g leaves on the side that it came from, as where a ball bounces, and may return to
-  ! zero within the first part of the step; or g passes to the other side; or a jump has left g at
-  ! rest, as where a ball stays on the floor, through which the solution would fall. Where g is on
-  ! the other side at the end of the first part or of the step, it is evaluated at points that halve
-  ! the distance to the start. The values nearest to the start that are larger than rounding show
-  ! the power of time by which g grows: 1 where it passes, 2 at rest. A step that is too small for
-  ! this leaves the decision to the next one.
-  subroutine find_after_event(x, event, theta, values)
+  ! rounding. Either g leaves on the side that it came from, as where a ball bounces, and may return
+  ! to zero within the first part of the step; or it passes to the other side; or a jump has left it
+  ! at rest, as where a ball stays on the floor, through which the solution would fall. Where g is
+  ! on the other side at the end of the first part or of the step, the power of time by which it
+  ! grows tells: 1 where it passes, 2 at rest. A step that is too small for this leaves the decision
+  ! to the next one.
+  subroutine find_after_event(x, event, samples)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: event
-    real(wp), contiguous, intent(in) :: theta(0:)
-    real(wp), contiguous, intent(inout) :: values(0:)  ! the first ones, if rounding, become zero
-    integer, parameter :: halvings = 60
-    ! Up to the first power the search ends early; from the second on the solution is at rest.
-    real(wp), parameter :: max_passing = 1.05_wp, min_resting = 1.5_wp
-    type(sample_t), allocatable :: samples(:)          ! at points ever nearer to the start
-    type(sample_t) :: point
+    type(sample_t), contiguous, intent(inout) :: samples(0:)     ! first ones, if rounding, become 0
+    real(wp), parameter :: min_resting = 1.5_wp        ! power from which the solution is at rest
+    type(sample_t), allocatable :: nearer(:)           ! samples ever nearer to the start
     real(wp) :: elapsed, power
     integer :: first, k, last                ! first to last: ends of parts on the other side
 
-    associate (state => x%events(event), n => ubound(theta, 1), &
+    associate (state => x%events(event), n => ubound(samples, 1), &
                side => real(x%events(event)%sign_before, wp))
       do k = 1, n
-        if (abs(values(k)) > rounding_at(x, event, theta(k), values(n))) exit
-        values(k) = 0.0_wp
+        if (abs(samples(k)%value) > rounding_at(x, event, samples(k)%theta, samples(n)%value)) exit
+        samples(k)%value = 0.0_wp
       end do
-      state%at_end = values(n)
-      first = merge(1, n, values(1) * side < 0)
-      if (.not. values(first) * side < 0) then
-        if (values(n) /= 0) state%sign_before = 0
+      state%at_end = samples(n)%value
+      first = merge(1, n, samples(1)%value * side < 0)
+      if (.not. samples(first)%value * side < 0) then
+        if (samples(n)%value /= 0) state%sign_before = 0
         return
       end if
-      last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
-      samples = [(sample_t(theta(k), values(k), rounding_at(x, event, theta(k), values(n))), &
-               k=last, first, -1)]
+      last = first - 1 + findloc([samples(first + 1:)%value * side < 0, .false.], .false., 1)
+      nearer = samples(last:first:-1)
+      nearer%rounding = rounding_at(x, event, nearer%theta, samples(n)%value)
       elapsed = abs((x%t - state%time) / x%h)
-      do k = 1, halvings
-        point%theta = theta(first) * 0.5_wp**k
-        ! times much shorter than the time since the event tell no more about its power
-        if (point%theta < elapsed / 16 .or. power_of_growth(elapsed, samples, 3) < max_passing) exit
-        call evaluate_sample(x, event, point)
-        if (x%status /= finished) return
-        point%rounding = rounding_at(x, event, point%theta, values(n))
-        if (abs(point%value) <= point%rounding) exit
-        if (point%value * side > 0) then
-          if (first == 1) call add_zero(x, event, point, sample_t(theta(1), values(1)))
-          state%sign_before = 0
+      call approach_event(x, event, elapsed, nearer)
+      if (x%status /= no_stop) return
+      if (nearer(size(nearer))%value * side > 0) then
+        if (first == 1) call add_zero(x, event, nearer(size(nearer)), samples(1))
+      else
+        power = power_of_growth(elapsed, nearer, 1)
+        if (power < 0) return
+        if (power >= min_resting .and. x%problem%events%table(event)%jumps /= 0) then
+          call fail(x, resting_contact, x%t, event)
           return
         end if
-        samples = [samples, point]
-      end do
-      power = power_of_growth(elapsed, samples, 1)
-      if (power < 0) return
-      if (power < min_resting .or. x%problem%events%table(event)%jumps == 0) then
-        state%sign_before = 0
-        return
       end if
+      state%sign_before = 0
     end associate
-    call fail(x, resting_contact, x%t, event)
   end subroutine find_after_event
 
-  ! The largest of some powers of time by which a function grows, each from a sample and one so much
-  ! later that rounding hardly matters; of too few samples huge, or negative if one power is needed
-  pure real(wp) function power_of_growth(elapsed, samples, powers)
-    real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
-    type(sample_t), intent(in) :: samples(:)           ! later ones first
-    integer, intent(in) :: powers                      ! their number
-    real(wp) :: times(size(samples)), ratio
-    integer :: j, k
+  ! Adds samples at points that halve the distance to the event at the start of the step, until the
+  ! function is rounding or on the side that it came from.
+  subroutine approach_event(x, event, elapsed, samples)
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: event
+    real(wp), intent(in) :: elapsed                    ! since the event, in steps
+    type(sample_t), allocatable, intent(inout) :: samples(:)     ! later ones first
+    integer, parameter :: halvings = 60
+    real(wp), parameter :: max_passing = 1.05_wp       ! power of growth up to which it passes
+    type(sample_t) :: point
+    real(wp) :: first
+    integer :: k
 
-    times = elapsed + samples%theta
-    power_of_growth = -1.0_wp
-    do k = size(times), size(times) - powers + 1, -1
-      ! later by this ratio, rounding changes the power by 4 at most, and usually by much less
-      ratio = exp(samples(k)%rounding / abs(4 * samples(k)%value))
-      j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
-      if (j == 0) then
-        power_of_growth = merge(power_of_growth, huge(power_of_growth), powers == 1)
-        return
-      end if
-      power_of_growth = max(power_of_growth, log(samples(j)%value / samples(k)%value) &
-                                             / log(times(j) / times(k)))
+    first = samples(size(samples))%theta
+    do k = 1, halvings
+      point%theta = first * 0.5_wp**k
+      ! times much shorter than the time since the event tell no more about its power
+      if (point%theta < elapsed / 16 .or. power_of_growth(elapsed, samples, 3) < max_passing) exit
+      call evaluate_sample(x, event, point)
+      if (x%status /= no_stop) return
+      point%rounding = rounding_at(x, event, point%theta, x%events(event)%at_end)
+      if (abs(point%value) <= point%rounding) exit
+      samples = [samples, point]
+      if (point%value * real(x%events(event)%sign_before, wp) > 0) exit
     end do
-  end function power_of_growth
+  end subroutine approach_event
 
   ! The rounding of a function at a fraction of the step, relative to the point and to the function
-  pure real(wp) function rounding_at(x, event, theta, at_end)
+  pure elemental real(wp) function rounding_at(x, event, theta, at_end)
     type(trajectory_t), intent(in) :: x
     integer, intent(in) :: event
     real(wp), intent(in) :: theta, at_end    ! fraction, and the function at the end
@@ -477,12 +391,12 @@ contains
           theta_end = zeros(k)%theta
           x%events(pack(zeros%event, .not. zeros%stored))%residual = 0.0_wp
           call find_together(x, theta_end, together)
-          if (x%status /= finished) return
+          if (x%status /= no_stop) return
         end if
         call store_together(x, zeros(k)%theta, y, together, output, after)
         if (ended) state(pack(zeros%event, together))%sign_before = &
           pack(zeros%sign_before, together)
-        if (x%status /= finished .or. ended) return
+        if (x%status /= no_stop .or. ended) return
         zeros(k)%stored = .true.
       end do
     end associate
@@ -505,7 +419,7 @@ contains
         if (together(k)) cycle
         sample%theta = theta
         call evaluate_sample(x, zeros(k)%event, sample)
-        if (x%status /= finished) return
+        if (x%status /= no_stop) return
         together(k) = sample%value * real(zeros(k)%sign_before, wp) <= 0 &
                     .or. abs(time_at(x, zeros(k)%theta) - t) <= resolution(t)
         ! the zero, which is yet to come, isn't another event

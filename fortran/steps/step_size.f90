@@ -3,11 +3,9 @@
 !
 ! Variable steps of symmetric methods that stay reversible: E. Hairer, G. Söderlind, "Explicit, time
 ! reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005). The user's function s of
-! the configuration says how steps vary, h s. Their density is carried from step to step,
-!
-!   rho_(n + 1/2) = rho_(n - 1/2) - h d/dt log s(q_n),     step h / rho_(n + 1/2),
-!
-! at first from 1 / s by half as much. Backward, the derivative changes its sign.
+! the configuration says how steps vary, h s. Their density rho_(n + 1/2) = rho_(n - 1/2) -
+! h d/dt log s(q_n) is carried from step to step, at first from 1 / s by half as much. A step is
+! h / rho_(n + 1/2). Backward, the derivative changes its sign.
 module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, resolution, tried_size
@@ -16,9 +14,10 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: max_step_at, make_grid
   use requests_m, only: evaluate_at_start, request, share
-  use trajectory_m
+  use phases_m
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: finished, max_growth, raised, size_failed, slope_not_finite, &
+  use shared_numbers, only: max_growth, no_stop, raised, size_failed, slope_not_finite, &
                             splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
@@ -43,14 +42,13 @@ contains
     end if
     if (x%problem%events%count > 0 .and. .not. x%events_known) then
       call evaluate_at_start(x)
-      if (x%status /= finished) return
+      if (x%status /= no_stop) return
     end if
     associate (stop => x%problem%stops(x%segment))
       ! an interrupted segment goes on with its grid
       if (.not. (x%problem%adaptive .or. x%problem%step_function%count > 0) .and. ( &
-          x%grid%stop /= stop .or. x%grid%start + real(x%grid_done, wp) * x%grid%step /= x%t)) then
+          x%grid%stop /= stop .or. x%grid%start + real(x%grid%done, wp) * x%grid%step /= x%t)) then
         call make_grid(x%t, stop, x%problem%record%h, x%grid)
-        x%grid_done = 0
       end if
       x%h = sign(x%h, stop - x%t)
     end associate
@@ -149,7 +147,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (x%control%attempts >= x%problem%record%max_steps) call fail(x, too_many_steps, x%t)
-    if (x%status /= finished) return
+    if (x%status /= no_stop) return
     x%control%attempts = x%control%attempts + 1
     if (x%problem%step_function%count > 0) then
       call choose_reversibly(x, x%problem%stops(x%segment))
@@ -157,15 +155,14 @@ contains
       call choose_adaptively(x, x%problem%stops(x%segment))
     else
       x%h = x%grid%step
-      x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
-      if (x%grid_done + 1 == x%grid%steps) then
+      x%t_end = x%grid%start + real(x%grid%done + 1, wp) * x%grid%step
+      if (x%grid%done + 1 == x%grid%steps) then
         x%h = x%grid%last
         x%t_end = x%problem%stops(x%segment)
       end if
     end if
-    if (x%status /= finished) return
-    if (x%h /= x%weight_h) x%weight(:) = x%h * x%method%flows%weight
-    x%weight_h = x%h
+    if (x%status /= no_stop) return
+    x%weight(:) = x%h * x%method%flows%weight
     x%stage = 1
     x%collocation%iteration = 0
     x%implicit%first_stage = 0
@@ -192,7 +189,7 @@ contains
       control%step_size = tried_size(control%step_size, min_size, abs(stop - x%t), &
                                      min(max_step_by_turn(x), longest), control%after_rejection)
       if (control%step_size < 0) then
-        if (.not. (x%problem%record%common .and. x%error <= 1)) then
+        if (.not. (x%problem%record%common .and. x%estimate%error <= 1)) then
           call fail(x, step_too_small, x%t)
           return
         end if
@@ -255,7 +252,7 @@ contains
     call apply_flows(x%frame, 1, v, y)
     call x%problem%step_function%observe(x%member, x%t, y, values, x%status)
     value = values(1)
-    if (x%status == finished .and. value > 0 .and. value <= huge(value)) return
+    if (x%status == no_stop .and. value > 0 .and. value <= huge(value)) return
     value = 1.0_wp
     call fail(x, raised, x%t, size_failed)
   end subroutine evaluate_size

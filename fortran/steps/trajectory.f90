@@ -1,5 +1,5 @@
-! The problem that a trajectory solves, and the state of the trajectory. Modules of the loop use all
-! of this one, and call a trajectory x; in run_m it is a lane, for one member after another.
+! The problem that a trajectory solves, and the state of the trajectory. Modules of the loop call a
+! trajectory x; in run_m it is a lane, for one member after another.
 module trajectory_m
   use kinds, only: wp
   use coordinates_m, only: tolerances_t
@@ -10,6 +10,7 @@ module trajectory_m
   use linear_action_m, only: inner_points_t
   use method_m, only: method_t
   use inputs_m, only: grid_t, rhs_t
+  use phases_m, only: phase_begin_segment, phase_request_ends, phase_store_output
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64, int8
   use shared_numbers, only: collocation_kind, counters_t, implicit_kind, outside_jacobian, &
@@ -17,20 +18,11 @@ module trajectory_m
                             registers_kind, splitting_kind, terminal_event
   implicit none
   private
-  public :: event_state_t, last_step_t, problem_t, trajectory_t, zero_t, continue_trajectory, &
-            exchange_state, fail, forget_step, point_at, reserve_trajectory, set_start, time_at
+  public :: event_state_t, last_step_times_t, problem_t, trajectory_t, zero_t, &
+            continue_trajectory, exchange_state, fail, forget_step, point_at, reserve_trajectory, &
+            set_start, time_at
 
-  ! The phases of a trajectory. Names say what `resume` does next, or what it has received.
-  integer, parameter, public :: phase_begin_segment = 1, phase_guess_size = 2, &
-    phase_guess_shared = 3, phase_curvature_received = 4, phase_size_shared = 5, &
-    phase_choose_step = 6, phase_start_received = 7, phase_next_stage = 8, &
-    phase_stage_received = 9, phase_finish_step = 10, phase_decide_step = 11, phase_accepted = 12, &
-    phase_request_ends = 13, phase_end_received = 14, phase_next_node = 15, &
-    phase_node_received = 16, phase_store_output = 17, phase_column_received = 18, &
-    phase_error_received = 19, phase_detect_events = 20, phase_interpolant_start_received = 21, &
-    phase_complete_step = 22, phase_step_shared = 23, phase_ended = 24
-
-  ! Rows of a query: its event, or 0 for all, fraction of the step, time, and member from 0
+  ! Rows of queries_t: the event, or 0 for all, fraction of the step, time, and member from 0
   integer, parameter, public :: query_event = 1, query_theta = 2, query_time = 3, &
     query_member = 4, query_numbers = 4
 
@@ -122,6 +114,14 @@ module trajectory_m
     real(wp), allocatable :: change(:)       ! (width) of a point by the displacement
   end type norms_t
 
+  ! The error of a step, and from which it is estimated besides stages and results
+  type :: estimate_t
+    real(wp) :: error = 0.0_wp               ! in tolerances
+    real(wp), allocatable :: added(:, :)     ! (dimension, summands) what dexp^-1 has added to f
+    real(wp), allocatable :: f_before(:, :)  ! f of the step before, of a Magnus method
+    real(wp) :: h_before = 0.0_wp            ! signed size of that step, 0 without one
+  end type estimate_t
+
   ! A zero of the function of an event within a step
   type :: zero_t
     real(wp) :: theta = 0.0_wp               ! fraction of the step
@@ -140,10 +140,22 @@ module trajectory_m
     real(wp) :: zero_tolerance = 0.0_wp      ! values up to it count as zero after events
   end type event_state_t
 
-  ! The step before, whose interpolant may be requested
-  type :: last_step_t
+  ! Values of events that are requested, or known by an answer
+  type :: queries_t
+    integer :: count = 0, answered = 0       ! columns in use, and those with an answer
+    ! (query_numbers + point_size + events, capacity) numbers, the point, and values as the answer
+    real(wp), allocatable :: columns(:, :)
+  end type queries_t
+
+  type :: last_step_times_t
     logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, start = 0.0_wp, h = 0.0_wp ! start: t, or just after a breakpoint at t
+  end type last_step_times_t
+
+  ! The step before, whose interpolant may be requested
+  type, extends(last_step_times_t) :: last_step_t
+    logical :: requested = .false.           ! whether its interpolant is to be stored, and no step
+    real(wp), allocatable :: y(:), slope(:)  ! point and coefficients at its start
   end type last_step_t
 
   ! The joints of a splitting method's frame
@@ -163,13 +175,10 @@ module trajectory_m
     real(wp) :: t = 0.0_wp
     logical :: slope_known = .false.
     type(grid_t) :: grid                     ! equal steps in the segment
-    integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
     type(control_t) :: control
     real(wp) :: h = 0.0_wp                   ! signed size of the step
-    real(wp) :: h_before = 0.0_wp            ! size of the step of f_before, 0 without one
     logical :: events_known = .false.        ! whether events have values at the start of the step
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
-    type(last_step_t) :: last
   end type state_t
 
   ! Members are grouped by the modules that compute them; what starts a step, or tries it again,
@@ -188,42 +197,32 @@ module trajectory_m
     ! step_size_m, which starts a step
     integer :: segment = 1
     real(wp) :: t_end = 0.0_wp               ! the end of the step
-    real(wp) :: weight_h = 0.0_wp
-    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times weight_h
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times h
     ! paths_m, implicit_m and collocation_m, each for the stages of some kinds of methods
-    integer :: stage = 1
-    integer :: paths_followed = 0
+    integer :: stage = 1, paths_followed = 0
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
     real(wp), allocatable :: v(:, :)         ! (dimension, flows) the flows followed last
     ! (dimension, summands) see method_t; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
-    real(wp), allocatable :: added(:, :)     ! (dimension, summands) what dexp^-1 has added to f
     type(joints_t) :: joints                 ! paths_m alone
     type(implicit_t) :: implicit             ! implicit_m alone
     type(collocation_t) :: collocation       ! collocation_m alone
-    ! error_estimate_m, and step_m, which accepts the step
-    real(wp) :: error = 0.0_wp               ! in tolerances
+    ! error_estimate_m; errors also step_m, norms also step_size_m and collocation_m
+    type(estimate_t) :: estimate
     type(norms_t) :: norms
-    real(wp), allocatable :: f_before(:, :)  ! f of the step before, of a Magnus method
     ! paths_m, if a stage is there, or accepted_step_m; loop_m for the start
-    real(wp), allocatable :: slope(:)        ! (dimension) the coefficients at the start
-    real(wp), allocatable :: end_slope(:)    ! (dimension) the coefficients at the end
+    real(wp), allocatable :: slope(:), end_slope(:)    ! (dimension) coefficients at start and end
     logical :: end_known = .false.
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
-    logical :: needs_interpolant = .false.
-    logical :: seeks_events = .false.        ! whether zeros are sought along the interpolant
-    logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
-    integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! outputs_done when problem%inner was prepared
-    ! point and coefficients at the start of the last step, from which its interpolant is made again
-    real(wp), allocatable :: last_y(:), last_slope(:)
+    integer :: outputs_passed = 0            ! output times passed
+    type(last_step_t) :: last
     ! step_events_m, and requests_m, which evaluates functions of events
     type(event_state_t), allocatable :: events(:)
-    type(zero_t), allocatable :: zeros(:)    ! zeros within the step, until it is stored
-    integer :: queries = 0, answered = 0     ! columns of `query` in use, those with an answer
-    ! (query_numbers + point_size + events, capacity) numbers, the point, and values as the answer
-    real(wp), allocatable :: query(:, :)
+    type(zero_t), allocatable :: zeros(:)    ! within the step, once they are known
+    type(queries_t) :: queries
+    ! any phase: workspace for a point within the step
+    real(wp), allocatable :: point(:)        ! (point_size)
   end type trajectory_t
 
 contains
@@ -233,7 +232,7 @@ contains
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: alloc_status     ! nonzero if an allocation failed
-    integer :: last, paths, summands, width
+    integer :: paths, summands, width
 
     x%problem => problem
     x%frame => problem%frame
@@ -250,15 +249,15 @@ contains
                 x%request%answer(m), x%weight(size(method%flows%weight)), &
                 x%v(m, maxval([1, first(2:) - first(:size(first) - 1)])), x%f(m, summands), &
                 x%slope(m), x%end_slope(m), x%events(events), &
-                x%query(query_numbers + n + events, 0), x%norms%scale(width), &
+                x%queries%columns(query_numbers + n + events, 0), x%norms%scale(width), &
                 x%norms%difference(width), x%norms%change(width), x%norms%displacement(m), &
-                stat=alloc_status)
+                x%point(n), stat=alloc_status)
       if (alloc_status /= 0) return
-      last = merge(1, 0, record%keep_last)
-      allocate (x%y(n, 0:paths), x%last_y(n * last), x%last_slope(m * last), &
-                x%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
-                x%added(m, merge(summands, 0, problem%adaptive .and. &
-                                 method%estimate == parts_of_series_estimate)), &
+      allocate (x%y(n, 0:paths), x%last%y(merge(n, 0, record%keep_last)), &
+                x%last%slope(merge(m, 0, record%keep_last)), &
+                x%estimate%f_before(m, merge(summands, 0, method%uses_last_nodes)), &
+                x%estimate%added(m, merge(summands, 0, problem%adaptive .and. &
+                                          method%estimate == parts_of_series_estimate)), &
                 x%joints%impulse(m, 2, merge(paths, 0, frame%jointed &
                                              .and. method%kind == splitting_kind)), &
                 source=0.0_wp, stat=alloc_status)
@@ -306,10 +305,10 @@ contains
     logical :: near                          ! whether the last step led near to it
 
     same = x%t == t .and. all(x%y(:, 0) == y)
-    near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last_y) > 0 &
+    near = first_step < 0 .and. first_step >= proposed_for_point .and. size(x%last%y) > 0 &
            .and. x%t == t
-    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last_y))
-    x%state_t = state_t(failed_at=x%failed_at, counts=x%counts, t=t, h=x%h, last=x%last, &
+    if (near) near = maxval(abs(y - x%y(:, 0))) <= small_move * maxval(abs(x%y(:, 0) - x%last%y))
+    x%state_t = state_t(failed_at=x%failed_at, counts=x%counts, t=t, h=x%h, &
       control=control_t(step_size=x%control%step_size, attempts=x%control%attempts))
     x%last%cut = .false.
     x%y(:, 0) = y
@@ -332,16 +331,15 @@ contains
   ! Forgets the step before, where the right-hand side or the solution may jump.
   pure subroutine forget_step(x, near)
     type(trajectory_t), intent(inout) :: x
-    logical, intent(in), optional :: near    ! whether polynomial and Jacobian may still serve
+    logical, intent(in) :: near              ! whether polynomial and Jacobian may still serve
 
-    x%h_before = 0.0_wp
+    x%estimate%h_before = 0.0_wp
     x%joints%impulse = 0.0_wp
     x%implicit%factored_h = 0.0_wp
     x%collocation%fresh = .false.
-    x%collocation%replaced = .false.
-    if (present(near)) x%collocation%replaced = near
-    if (.not. x%collocation%replaced) &
-      x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
+    x%collocation%replaced = near
+    if (near) return
+    x%collocation%newton_state_t = newton_state_t(factored_h=x%collocation%factored_h)
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end, or requests the interpolant of its last step alone.
@@ -351,12 +349,12 @@ contains
 
     x%status = paused
     x%segment = 1
-    x%interpolate_only = interpolating
+    x%last%requested = interpolating
     x%phase = phase_begin_segment
     if (interpolating) x%phase = merge(phase_store_output, phase_request_ends, x%last%cut)
     if (allocated(x%zeros)) deallocate (x%zeros)
-    x%queries = 0
-    x%answered = 0
+    x%queries%count = 0
+    x%queries%answered = 0
   end subroutine continue_trajectory
 
   ! Copies or restores the state of a trajectory between steps, with which it continues bit for bit.
@@ -370,13 +368,15 @@ contains
     used = 0
     call move(c_loc(x%state_t), storage_size(x%state_t), 1)
     call move(c_loc(x%collocation%newton_state_t), storage_size(x%collocation%newton_state_t), 1)
+    call move(c_loc(x%last%last_step_times_t), storage_size(x%last%last_step_times_t), 1)
+    call move(c_loc(x%estimate%h_before), storage_size(x%estimate%h_before), 1)
     if (size(x%events) > 0) call move(c_loc(x%events), storage_size(x%events), size(x%events))
     call move_numbers(size(x%y, 1), x%y)
     call move_numbers(size(x%slope), x%slope)
     call move_numbers(size(x%f), x%f)
-    call move_numbers(size(x%last_y), x%last_y)
-    call move_numbers(size(x%last_slope), x%last_slope)
-    call move_numbers(size(x%f_before), x%f_before)
+    call move_numbers(size(x%last%y), x%last%y)
+    call move_numbers(size(x%last%slope), x%last%slope)
+    call move_numbers(size(x%estimate%f_before), x%estimate%f_before)
     call move_numbers(size(x%joints%impulse), x%joints%impulse)
     call move_numbers(size(x%collocation%slopes_before), x%collocation%slopes_before)
     call move_numbers(size(x%collocation%jacobian), x%collocation%jacobian)

@@ -1,81 +1,127 @@
-! Sizes of steps by controller_m, compared with its formulas in numbers that are exact or worked out
-! by hand. With the exponent 1/2 and powers of two all of them are easy.
+! Checks pure procedures of the loop over steps under run-time checks and floating-point traps: the
+! step size control, limits of steps, and the numerics of event location. Expected values follow
+! from the definitions, with numbers whose powers are exact. All numbers are real(8).
 program step_checks
   use kinds, only: wp
   use controller_m, only: accepted_size, first_guess, first_size, predicted_size, rejected_size, &
                           resolution, resumed_size, suspected_error, tried_size
+  use inputs_m, only: max_step_at
+  use zero_finding_m, only: choose_trial, minimise_parabola, narrow, power_of_growth, sample_t
   implicit none
-  real(wp), parameter :: half = 0.5_wp
-  logical :: passed = .true.
+  real(wp), parameter :: quarter = 0.25d0, e = 0.0625d0, none = huge(none)
 
-  call check('a rejected step', rejected_size(2.0_wp, 4.0_wp, half), 0.9_wp)
-  call check('its least factor', rejected_size(2.0_wp, 1e8_wp, half), 0.4_wp)
-  call check('a step without an estimate', rejected_size(2.0_wp, huge(half), half), 0.5_wp)
-  call check('a shortened step with a small error', resumed_size(3.0_wp, 0.1_wp, 1e-5_wp, half), &
-             3.0_wp)
-  call check('with a larger one', resumed_size(3.0_wp, 1.0_wp, 0.25_wp, half), 1.8_wp)
-
-  ! 0.9 e^-0.35 e_last^0.2 with e = e_last = 2^-20 is 0.9 * 2^3
-  call check_accepted('an accepted step', 2.0_wp**(-20), 2.0_wp**(-20), .false., 5.0_wp, 1e-4_wp)
-  call check_accepted('equal errors', 2.0_wp**(-10), 2.0_wp**(-10), .false., 0.9_wp * 2**1.5_wp, &
-                      2.0_wp**(-10))
-  call check_accepted('after a small error', 1.0_wp, 2.0_wp**(-10), .false., 0.225_wp, 1.0_wp)
-  call check_accepted('after a rejection', 2.0_wp**(-10), 1.0_wp, .true., 1.0_wp, 2.0_wp**(-10))
-  call check_accepted('without an error', 0.0_wp, 1.0_wp, .false., 5.0_wp, 1e-4_wp)
-
-  ! 0.9 * 15 / (14 + n) e^-1/2, times h / h_last (e_last / e)^1/2 if that is less than one
-  call check('the first step by Newton''s method', &
-             predicted_size(2.0_wp, 0.25_wp, half, 1, .false., 0.0_wp, 1.0_wp), 3.6_wp)
-  call check('with the step before', &
-             predicted_size(2.0_wp, 0.25_wp, half, 1, .false., 4.0_wp, 0.25_wp), 1.8_wp)
-  call check('a step that keeps its factors', &
-             predicted_size(2.0_wp, 0.64_wp, half, 1, .true., 0.0_wp, 1.0_wp), 2.0_wp)
-  call check('one that can''t', &
-             predicted_size(2.0_wp, 0.64_wp, half, 1, .false., 0.0_wp, 1.0_wp), 2.25_wp)
-  call check('a step that failed', &
-             predicted_size(2.0_wp, huge(half), half, 7, .true., 0.0_wp, 1.0_wp), 1.0_wp)
-
-  call check('a step below the least', &
-             tried_size(1e-3_wp, 1e-2_wp, 1.0_wp, 5.0_wp, .false.), 1e-2_wp)
-  call check('after a rejection', tried_size(1e-3_wp, 1e-2_wp, 1.0_wp, 5.0_wp, .true.), -1.0_wp)
-  call check('a longest step', tried_size(2.0_wp, 1e-2_wp, 1.0_wp, 0.5_wp, .false.), 0.5_wp)
-
-  call check('a first guess', first_guess(8.0_wp, 2.0_wp, 100.0_wp), 0.04_wp)
-  call check('at the origin', first_guess(0.0_wp, 2.0_wp, 100.0_wp), 1e-4_wp)
-  ! r = 4, (0.01 r / |y'|)^1/2 / r
-  call check('a first size', first_size(1.0_wp, 4.0_wp, 8.0_wp, half), 0.025_wp)
-  call check('without a slope', first_size(1.0_wp, 0.0_wp, 4.0_wp, half), 0.05_wp)
-  call check('at rest', first_size(1.0_wp, 0.0_wp, 0.0_wp, half), huge(half))
-
-  call check('the resolution of time', resolution(-1.0_wp), 10 * epsilon(half))
-  call check('an error without suspicion', suspected_error(0.5_wp, 1.0_wp, 1.0_wp, 4), 0.5_wp)
-  call check('an error with it', suspected_error(0.5_wp, 1.0_wp, 1.0_wp, 5), 10.0_wp)
-  call check('a step that can''t be shorter', &
-             suspected_error(0.5_wp, epsilon(half), 1.0_wp, 5), 0.5_wp)
-  if (.not. passed) error stop 1
+  call check_controller()
+  call check_limits()
+  call check_minima()
+  call check_growth()
   print '(a)', 'step_checks: passed'
 
 contains
 
-  subroutine check(what, value, expected)
+  subroutine check(values, expected, what)
+    real(wp), intent(in) :: values(:), expected(:)
     character(*), intent(in) :: what
-    real(wp), intent(in) :: value, expected
 
-    if (abs(value - expected) <= 8 * epsilon(value) * abs(expected)) return
-    passed = .false.
-    print '(a, 2(1x, g0))', what, value, expected
+    if (all(abs(values - expected) <= 8 * epsilon(values) * abs(expected))) return
+    print '(a, *(es25.16))', what, values, expected
+    error stop 1
   end subroutine check
 
-  subroutine check_accepted(what, error, last_error, after_rejection, factor, kept)
-    character(*), intent(in) :: what
-    real(wp), intent(in) :: error, last_error, factor, kept
-    logical, intent(in) :: after_rejection
-    real(wp) :: last, next
+  ! The factor is 0.9 (e^-0.7 e_last^0.4)^exponent, and 0.9 e^-exponent after rejections.
+  subroutine check_controller()
+    real(wp) :: last(4), next(4)
 
-    last = last_error
-    call accepted_size(2.0_wp, error, half, after_rejection, last, next)
-    call check(what, next, 2 * factor)
-    call check(what, last, kept)
-  end subroutine check_accepted
+    call check([rejected_size(2d0, 16d0, quarter), rejected_size(2d0, 1d8, quarter), &
+                rejected_size(2d0, none, quarter)], [0.9d0, 0.4d0, 0.5d0], &
+               'rejected: by 16^(1/4), by 5 at most, by 4 without an estimate')
+    last = [quarter, quarter, quarter, 1d-4]
+    call accepted_size(2d0, e, 0.5d0, .false., last(1), next(1))
+    call accepted_size(2d0, e, 0.5d0, .true., last(2), next(2))
+    call accepted_size(2d0, 0d0, 0.5d0, .false., last(3), next(3))
+    call accepted_size(2d0, 1d0, 1d0, .false., last(4), next(4))
+    call check([next, last], [3.6d0, 2d0, 10d0, 0.4d0, e, e, 1d-4, 1d0], 'accepted: by ' // &
+               '(2^2.8 2^-0.8)^0.5, after a rejection, by 5 at most, by 1/5 at least; errors kept')
+    call check([resumed_size(10d0, 1d0, 1d-5, quarter), resumed_size(10d0, 1d0, e, quarter), &
+                resumed_size(1.5d0, 1d0, e, quarter)], [10d0, 1.8d0, 1.5d0], &
+               'shortened: as before, as its error allows, as before')
+    call check([suspected_error(0.5d0, 1d0, 1d0, 4), suspected_error(0.5d0, 1d0, 1d0, 5), &
+                suspected_error(0.5d0, 200 * epsilon(e), 1d0, 5), &
+                suspected_error(none, 1d0, 1d0, 5)], [0.5d0, 10d0, 0.5d0, none], &
+               'suspicion: too little, enough, of a tiny step, of the largest error')
+    call check([predicted_size(2d0, e, quarter, 1, .false., 0d0, e), &
+                predicted_size(2d0, e, quarter, 7, .false., 0d0, e), &
+                predicted_size(2d0, e, quarter, 1, .false., 4d0, e**2), &
+                predicted_size(2d0, e, quarter, 1, .true., 4d0, e), &
+                predicted_size(2d0, 16d0, quarter, 1, .true., 0d0, e), &
+                predicted_size(2d0, 0d0, quarter, 1, .false., 0d0, e), &
+                predicted_size(2d0, none, quarter, 1, .false., 0d0, e)], &
+               [3.6d0, 18d0 / 7, 0.9d0, 2d0, 0.9d0, 20d0, 1d0], &
+               'predicted: by 2, 2 * 15 / 21, 2 * 2 / 4 / 2, kept, rejected, at most, unknown')
+    call check([tried_size(1d0, 2d0, 9d0, 5d0, .false.), tried_size(8d0, 2d0, 9d0, 5d0, .false.), &
+                tried_size(1d0, 2d0, 9d0, 5d0, .true.), tried_size(1d0, 2d0, 0.5d0, 5d0, .true.)], &
+               [2d0, 5d0, -1d0, 1d0], 'tried: least, largest, too small, near the end')
+    ! |y'| r^p h^(p + 1) = 0.01 with the rate r = max(|y''| / |y'|, |y'| / |y|), for p = 1
+    call check([first_size(0d0, 4d0, 16d0, 0.5d0), first_size(0.5d0, 4d0, 16d0, 0.5d0), &
+                first_size(0d0, 0d0, 4d0, 0.5d0), first_size(1d0, 0d0, 0d0, 0.5d0), &
+                first_guess(2d0, 4d0, 10d0), first_guess(1d-6, 4d0, 10d0)], &
+               [0.025d0, sqrt(0.01d0 / 32), 0.05d0, none, 0.005d0, 1d-5], &
+               'first sizes: 16, 32, 4, 0 h^2 = 0.01, a part of |y| / |slope|, of the span')
+  end subroutine check_controller
 
+  subroutine check_limits()
+    real(wp), parameter :: limits(2, 3) = reshape([0d0, 0.1d0, 1d0, 1d0, 2d0, 0.2d0], [2, 3])
+
+    call check([max_step_at(limits, 1d0, 1d0), max_step_at(limits, 1.5d0, 1d0), &
+                max_step_at(limits, 1.875d0, 1d0), max_step_at(limits, 1.0625d0, -1d0), &
+                max_step_at(limits, 2d0, -1d0), max_step_at(limits(:, :0), 1d0, 1d0)], &
+               [1d0, 0.5d0, 0.2d0, 0.1d0, 1d0, none], &
+               'limits: from 1, up to 2, beyond 2, before 1, before 2, none')
+    call check([resolution(-1d0)], [10 * epsilon(e)], 'ten spacings of numbers')
+  end subroutine check_limits
+
+  ! Parabolas with a minimum at 0.3 and elsewhere
+  subroutine check_minima()
+    type(sample_t) :: low(3), high(3), minimum, trial(5)
+    logical :: exists(5), by_one
+
+    call minimise_parabola(parabola(0.3d0, 2d0), minimum, by_one)
+    low = parabola(0.3d0, 0d0)
+    high = parabola(0.7d0, 0d0)
+    call narrow(low, sample_t(0.375d0, 0.075d0**2))
+    call narrow(high, sample_t(0.625d0, 0.075d0**2))
+    call check([minimum%theta, minimum%value, low%theta, high%theta], &
+               [0.3d0, 2d0, 0d0, 0.375d0, 0.5d0, 0.5d0, 0.625d0, 1d0], &
+               'the minimum, from 0 to 0.5, from 0.5 to 1')
+    call choose_trial(parabola(0.3d0, 0.01d0), 1d-3, none, .false., trial(1), exists(1))
+    call choose_trial(parabola(0.3d0, 1d0), 1d-3, none, .false., trial(2), exists(2))
+    call choose_trial(parabola(0.3d0, 1d0), 1d-3, none, .true., trial(3), exists(3))
+    call choose_trial(parabola(-0.05d0, 0d0), 0.05d0, none, .true., trial(4), exists(4))
+    call choose_trial(parabola(1.05d0, 0d0), 0.05d0, 0.5d0, .true., trial(5), exists(5))
+    call check(merge(trial%theta, none, exists), [0.3d0, none, 0.3d0, 0.25d0, none], &
+               'trials: half as far, hardly nearer, in detection, beside an end, later samples')
+  end subroutine check_minima
+
+  pure function parabola(vertex, minimum) result(three)
+    real(wp), intent(in) :: vertex, minimum
+    type(sample_t) :: three(3)
+    integer :: k
+
+    three = [(sample_t(real(k, wp) / 2, minimum + (real(k, wp) / 2 - vertex)**2), k=0, 2)]
+  end function parabola
+
+  ! Samples at theta = 1, 1/2, 1/4, 1/8
+  subroutine check_growth()
+    type(sample_t) :: smooth(4), rough(4), rounded(4)
+    integer :: k
+
+    smooth = [(sample_t(0.5d0**k, (1 + 0.5d0**k)**1.5d0), k=0, 3)]
+    rough = [(sample_t(0.5d0**k, 0.5d0**merge(3, 2 * k, k == 2)), k=0, 3)]
+    rounded = rough
+    rounded(4)%rounding = 4 * rounded(4)%value * log(3d0)
+    call check([power_of_growth(1d0, smooth, 3), power_of_growth(1d0, smooth(:3), 3), &
+                power_of_growth(1d0, smooth(:1), 1), power_of_growth(0d0, rough, 1), &
+                power_of_growth(0d0, rough, 3), power_of_growth(0d0, rounded, 1)], &
+               [1.5d0, none, -1d0, 3d0, 3d0, 2d0], &
+               'powers: since the event, too few, unknown, one, the largest, beyond rounding')
+  end subroutine check_growth
 end program step_checks

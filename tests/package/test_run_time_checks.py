@@ -13,20 +13,21 @@ TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
 FLAGS = [
     "-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra",
-    "-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror",
+    "-Wno-compare-reals", "-Wno-c-binding-type", "-Wno-unused-dummy-argument", "-Werror",
     "-fcheck=all", "-ffpe-trap=invalid,zero,overflow",
 ]  # fmt: skip
 CONDITIONS = (
     "support/linalg",
     *(f"conditions/{name}" for name in ("levenberg_marquardt", "weights", "conditions")),
 )
+STEPS = ("support/vectors", *(f"steps/{name}" for name in ("controller", "inputs", "zero_finding")))
 
 
 @pytest.mark.skipif(shutil.which("gfortran") is None, reason="gfortran is not installed")
 @pytest.mark.parametrize(("name", "kind", "modules"), [
     ("core_checks", "real64", CONDITIONS),
     ("core_checks", "real128", CONDITIONS),
-    ("step_checks", "real64", ["steps/controller"]),
+    ("step_checks", "real64", STEPS),
 ])  # fmt: skip
 def test_core_passes_with_checks_and_traps(tmp_path, name, kind, modules):
     kinds = tmp_path / "kinds.f90"

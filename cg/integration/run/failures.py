@@ -16,7 +16,8 @@ from cg.support.shared_numbers import STEP_CONTROL, LoopStatus
 from cg.tables import Kind
 
 _REQUESTS = {LoopStatus.NEEDS_RHS, LoopStatus.NEEDS_EVENTS, LoopStatus.NEEDS_MAXIMUM}
-_NOT_FAILED = _REQUESTS | {LoopStatus.PAUSED, LoopStatus.FINISHED, LoopStatus.TERMINAL_EVENT}
+_ENDED = {LoopStatus.FINISHED, LoopStatus.TERMINAL_EVENT}
+_NOT_FAILED = _REQUESTS | _ENDED | {LoopStatus.NO_STOP, LoopStatus.PAUSED}
 _REJECTIONS = 1000  # least number of rejected steps for a warning
 _LARGE = 1e100  # errors overflow because of slopes beyond this
 _NO_FORCES = "there are no forces that keep joints closed"
