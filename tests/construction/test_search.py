@@ -27,11 +27,7 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.support.shared_numbers import LmdifStatus, MinimumNormStatus
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
-
-
 SMALL = {"order": 3, "stages": 3, "seed": 5, "workers": 1}
-
-
 PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.FULL}
 
 
@@ -281,11 +277,6 @@ def test_second_results_need_the_register_and_the_field_at_the_result(order, sta
             assert method.stage_points[-1] == method.result == stages - 2
             assert set(field[0].weights) <= {stages - 1}
     assert order < 3 or min(map(estimate_ratio, methods)) < 2
-
-
-def test_methods_of_the_catalogue_are_pairs_whose_estimates_see():
-    for name in ("CF3(2)r", "CF4(3)r"):
-        assert estimate_ratio(cg.methods[name]) < 1.2
 
 
 @pytest.mark.parametrize(("changed", "name"), [

@@ -82,15 +82,6 @@ def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward)
     )
 
 
-@given(start=st.floats(-10, 10), span=st.floats(1e-3, 10), h=st.floats(1e-3, 20))
-def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
-    t = times((start, start + span), h)
-    sizes = np.diff(t)
-    assert (t[0], t[-1]) == (start, start + span)
-    np.testing.assert_allclose(sizes[:-1], h, rtol=0, atol=1e-13)
-    assert 0 < sizes[-1] <= h + 1e-13
-
-
 @given(
     start=st.sampled_from([0.0, 1.0, -3.7e3, 1.7e9]),
     span=st.floats(1e-6, 10.0),

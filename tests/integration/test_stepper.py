@@ -100,6 +100,7 @@ def test_equal_steps_that_the_time_cannot_resolve_are_refused():
     stepper = cg.Stepper(lambda t, y: [1.0], 0.0, [0.0], **options)
     refuses(ValueError, match, stepper.advance, 1e15)
     refuses(ValueError, match, stepper.restart, t=1e15)
+    refuses(ValueError, "first_step must be None with h", stepper.restart, first_step=0.05)
     assert stepper.t == 0.0
 
 
@@ -279,11 +280,6 @@ def test_methods_with_stages_outside_the_step_are_refused_with_breakpoints(name)
         refuses(ValueError, message, cg.Stepper, f, 0.0, [1.0], **options)
     options["breakpoints"] = [0.0, 3.0]  # the ends of the span
     assert cg.solve_ivp(f, (0.0, 3.0), [1.0], **options).success
-
-
-def test_equal_steps_have_no_first_step():
-    stepper = cg.Stepper(lambda t, y: y, 0.0, [1.0], frame=Euclidean(1), h=0.1)
-    refuses(ValueError, "first_step must be None with h", stepper.restart, first_step=0.05)
 
 
 def test_the_step_after_a_breakpoint_has_the_forces_behind_it():

@@ -234,6 +234,7 @@ class TestPaths:
         )  # fmt: skip
         assert runs.status.tolist() == [0, -1]
         for draw in (cg.plot.trajectory_on_sphere, cg.plot.bloch):
+            assert draw(runs, label="two").lines[0].get_label() == "two"
             for k, path in enumerate(paths(runs, draw)):
                 exact = runs[k].sol(np.linspace(0, runs[k].t[-1], 300))
                 distances = np.linalg.norm(path[:, None] - exact, axis=-1)
@@ -305,20 +306,13 @@ class TestKindsOfPoints:
         for y in (densities, turns, turns[:, :, 2], quaternions):
             np.testing.assert_allclose(paths(y)[0], path, atol=1e-12)
 
-    def test_dense_solutions_and_members(self):
+    def test_dense_solutions(self):
         """Between steps the solution is drawn, here a small circle, and no great circle."""
         run = cg.solve_ivp(
             lambda t, y: [0.0, 0.0, 1.0], (0, 6), [0.6, 0.0, 0.8], frame=cg.frames.Sphere(2),
             dense_output=True,
         )  # fmt: skip
         np.testing.assert_allclose(paths(run)[0][:, 2], 0.8, atol=1e-12)
-        many = cg.solve_ensemble(
-            lambda t, y: [0.0, 0.0, 1.0], (0, 1), [[0.6, 0.0, 0.8], [0.0, 0.6, 0.8]],
-            frame=cg.frames.Sphere(2),
-        )  # fmt: skip
-        ax = cg.plot.trajectory_on_sphere(many, label="two")
-        assert ax.lines[0].get_label() == "two"
-        assert len(ax.lines) == 2
         assert {text.get_text() for text in cg.plot.bloch(run).texts} == {"|0⟩", "|1⟩"}
 
     def test_states_of_qutip(self):
