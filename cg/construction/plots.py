@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from cg.construction.catalogue import resolve_method
 from cg.construction.methods.commutator_free import CommutatorFree
-from cg.construction.methods.estimate import stability_function, too_large
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
+from cg.construction.methods.stability import reason_without_limits, stability_function
 from cg.construction.points import START, PointTree, points_of
 from cg.construction.trees import OrderedTree
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
@@ -289,7 +289,7 @@ def _plane(x: Range, y: Range) -> tuple[Any, Any]:
 
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``."""
-    if problem := too_large(method):
+    if problem := reason_without_limits(method):
         raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
     above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
     with np.errstate(divide="ignore", invalid="ignore"):  # at poles

@@ -82,6 +82,8 @@ def test_misprint_in_fehlbergs_tableau(kind, second):
 def test_single_condition():
     (one,) = cg.diagnose(cg.Tableau([[], ["0.666669"]], ["1/4", "3/4"])).corrections
     assert (one.name, one.value, one.order, one.conditions) == ("a_2,1", "2/3", 2, 1)
+    (one,) = cg.diagnose(cg.Tableau([[], ["0.676"]], ["0.2499000000", "0.7501000000"])).corrections
+    assert one.value == "0.66657778963"  # 2/3 is near by chance
     # many coefficients solve one condition, so that large changes are no correction of a misprint
     assert cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/4", "3/4"])).mistakes == ()
 

@@ -7,7 +7,7 @@ import pytest
 
 import cg
 from cg.construction.catalogue import methods
-from cg.construction.methods.estimate import stability_function, stability_limits
+from cg.construction.methods.stability import stability_function, stability_limits
 from cg.frames import SO3
 from cg.problems import StateDependentRotation
 

@@ -11,7 +11,7 @@ from flint import fmpq_poly, fmpz_poly
 from kinds import FROZEN
 
 import cg
-from cg.construction.methods.estimate import stability_function, stability_limits
+from cg.construction.methods.stability import stability_function, stability_limits
 from cg.support.quads import to_flint, to_fraction
 
 METHODS = [*map(cg.methods.get, ("LieEuler", "CG2", "CG3")), CLASSICAL]

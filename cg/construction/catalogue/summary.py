@@ -8,10 +8,11 @@ from typing import Any
 from cg.construction.catalogue import find_method, methods
 from cg.construction.conditions import MAX_ORDER
 from cg.construction.methods.commutator_free import CommutatorFree, MuntheKaas
-from cg.construction.methods.estimate import estimate_ratio, stability_limits, too_large
+from cg.construction.methods.estimate import estimate_ratio
 from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
+from cg.construction.methods.stability import reason_without_limits, stability_limits
 from cg.support.parsing import write_file
 
 _KINDS: dict[type, str] = {
@@ -49,7 +50,7 @@ def compute_summary(method: Method) -> MethodSummary:
     """Compute the summary of a method; for high orders it takes seconds."""
     # a Magnus method solves the test equation exactly, and a splitting method doesn't apply to it
     magnus, splitting = isinstance(method, MagnusMethod), isinstance(method, Splitting)
-    not_computed = _NO_LIMITS if splitting else None if magnus else too_large(method)
+    not_computed = _NO_LIMITS if splitting else None if magnus else reason_without_limits(method)
     tableau = "Crouch-Grossman" if method.explicit else "implicit"
     real = imaginary = principal = None
     ratio = estimate_ratio(method)

@@ -54,8 +54,8 @@ def corrections(method: Method) -> tuple[Correction, ...]:
     kinds = (True,) if isinstance(method, MuntheKaas) else (False, True)
     owners = (ConditionOwner.FIRST_RESULT, ConditionOwner.SECOND_RESULT)
     for owner in owners[: len(method.layout.results)]:
-        restoring = [_highest(method, owner, flat) for flat in kinds]
-        best = max(restoring, key=lambda changes: changes[0].order if changes else 0)
+        by_kind = [_highest(method, owner, flat) for flat in kinds]
+        best = max(by_kind, key=lambda changes: changes[0].order if changes else 0)
         if best:
             return best
     return ()
@@ -71,22 +71,22 @@ def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correct
             if not left:
                 break
             changes, violated, reached = left, conditions.violated, order
-    second, found = owner == ConditionOwner.SECOND_RESULT, []
+    second, restoring = owner == ConditionOwner.SECOND_RESULT, []
     for k, change in sorted(changes.items(), key=lambda entry: abs(entry[1])):
         # many coefficients solve one condition
         if change and (violated > 1 or abs(change) <= _MAX_CHANGE):
             name, given = method.layout.names[k], method.coefficients[k]
             text = repr(float(given.value)) if "x" in given.text else given.text
             value = _text(method, k, given.value + change)
-            found.append(Correction(name, text, value, reached, flat, second, violated))
-    return tuple(sorted(found, key=lambda one: len(one.value)))
+            restoring.append(Correction(name, text, value, reached, flat, second, violated))
+    return tuple(sorted(restoring, key=lambda one: len(one.value)))
 
 
 def _text(method: Method, k: int, value: Fraction) -> str:
     """Return a changed coefficient with as many digits as the others have, or as a fraction."""
     others = (float(x.unit) for j, x in enumerate(method.coefficients) if j != k)
     digits = min(round(1 - log10(max(others, default=0.0) or 1e-99)), quads.DECIMAL_DIGITS)
-    close = Fraction(10) ** (7 - digits)
+    close = Fraction(10) ** (7 - digits)  # some digits fewer, as the others are rounded too
     simple = value.limit_denominator(min(_MAX_DENOMINATOR, isqrt(int(1 / close)) // 10 + 1))
     near = close < _MAX_WIDTH and abs(simple - value) < close
     return str(simple) if near else quads.to_decimal(value, digits)
