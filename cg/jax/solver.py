@@ -18,7 +18,7 @@ from cg.frames.user import UserFrame
 from cg.jax.control import LastStep, error_estimate, turning
 from cg.jax.frames import rules_of
 from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
-from cg.jax.stages import Start, StepInterpolation, interpolant, take_stages
+from cg.jax.stages import Start, StepInterpolation, interpolant, interpolant_of_noise, take_stages
 from cg.jax.term import (
     FrameTerm,
     LinearTerm,
@@ -29,11 +29,10 @@ from cg.jax.term import (
     rules_in,
     unwrapped,
 )
-from cg.support.checks import check_choice, check_flag, check_real
+from cg.support.checks import check_flag, check_real
 from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
-_DENSE = ("accurate", "steps")
 _MAX_ANGLE = 2.0 * math.pi / PARTS_OF_TURN
 
 
@@ -43,7 +42,7 @@ class SolverState(eqx.Module):
     at_start: JaxArray  # coefficients at the start of the step
     last_step: LastStep | None  # the step before, of Magnus methods
     has_events: bool = eqx.field(static=True)
-    between: bool = eqx.field(static=True, default=False)  # whether output needs interpolants
+    between: bool = eqx.field(static=True)  # whether points within steps are asked for
 
 
 class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
@@ -57,12 +56,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     ----------
     method
         The name of a method, or a method.
-    dense
-        One of ``"accurate"``, ``"steps"``. The interpolant. ``"accurate"`` (default) is that of
-        `cg.solve_ivp`, as accurate as the steps; it evaluates ``f`` a few more times in every step
-        if output between steps or an event needs it. ``"steps"`` needs no evaluations and compiles
-        faster; it is exact at the ends of steps only, with errors of second order between them,
-        where ``SaveAt(ts=...)`` and events use it.
     unroll
         Whether `XLA` compiles the stages one after the other instead of as a loop: a single
         solution takes a little less time, compiling and batches by ``jax.vmap`` take more.
@@ -79,7 +72,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Notes
     -----
-    The stored coefficients of the method are rounded to the precision of the points.
+    The stored coefficients of the method are rounded to the precision of the points. Output between
+    steps, by ``SaveAt(ts=...)`` or ``SaveAt(dense=True)``, and events use the interpolant of
+    `cg.solve_ivp`, as accurate as the steps, which evaluates ``f`` a few more times in every step.
 
     Examples
     --------
@@ -89,7 +84,6 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     """
 
     table: MethodTable = eqx.field(static=True)
-    dense: str = eqx.field(static=True)
     unroll: bool = eqx.field(static=True)
     max_angle: float | None = eqx.field(static=True)
 
@@ -97,9 +91,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     interpolation_cls: ClassVar[Callable[..., Any]] = StepInterpolation
 
     def __init__(
-        self, method: str | HasTable, *, dense: str = "accurate", unroll: bool = False,
-        max_angle: float | None = _MAX_ANGLE,
-    ) -> None:  # fmt: skip
+        self, method: str | HasTable, *, unroll: bool = False, max_angle: float | None = _MAX_ANGLE
+    ) -> None:
         if isinstance(method, str) and method == "auto":
             raise ValueError(
                 'method must be named in JAX, which has no "auto"; of the pairs "RKMK8(5,3)" takes '
@@ -111,19 +104,16 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             raise ValueError(f"method must be explicit in JAX, got {table!r}")
         if table.kind is Kind.SPLITTING:
             raise ValueError(f"method must not be a splitting method in JAX, got {table!r}")
-        check_choice("dense", dense, _DENSE)
         unroll = check_flag("unroll", unroll)
         if max_angle is not None:
             max_angle = check_real("max_angle", max_angle, positive=True, infinite=True)
         self.table = table
-        self.dense = dense
         self.unroll = unroll
         self.max_angle = max_angle
 
     def __repr__(self) -> str:
         label = f'"{self.table.name}"' if self.table.name else repr(self.table)
-        suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
-        suffix += ", unroll=True" if self.unroll else ""
+        suffix = ", unroll=True" if self.unroll else ""
         suffix += "" if self.max_angle == _MAX_ANGLE else f", max_angle={self.max_angle}"
         return f"Solver({label}{suffix})"
 
@@ -191,14 +181,10 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             if last_step is not None:
                 last_step = LastStep(jnp.where(made_jump, 0.0, last_step.h), last_step.values)
         start = Start(rules, f, h, y0, at_start)
-        accurate, evaluations = self.dense == _DENSE[0], max(table.output.final, len(table.c))
-        if accurate and solver_state.between and not self.unroll:
-            evaluations = table.output.basis.shape[1]
-        stages = take_stages(
-            table, start, unroll=self.unroll, evaluations=evaluations, with_end=True
-        )
+        between = solver_state.between
+        stages = take_stages(table, start, unroll=self.unroll, with_end=True, between=between)
         at_end = f(1.0, stages.result) if stages.at_end is None else stages.at_end
-        within = interpolant(self.table, start, stages, at_end, accurate=accurate)
+        within = interpolant(table, start, stages, at_end) if between else None
         error = error_estimate(table, start, stages, last_step)
         if error is not None and solver_state.has_events and self.max_angle is not None:
             too_far = turning(rules.frame, h * stages.values[0]) > self.max_angle
@@ -206,7 +192,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
                 too_far | (turning(rules.frame, h * at_end) > self.max_angle), jnp.inf, error
             )
         last_step = None if last_step is None else LastStep(h, stages.values)
-        state = SolverState(at_end, last_step, solver_state.has_events, solver_state.between)
+        state = SolverState(at_end, last_step, solver_state.has_events, between)
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
     def _noisy_step(
@@ -215,10 +201,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """Take a step of size one along increments; there is no error estimate."""
         at_start = f(0.0, y0)
         start = Start(rules, f, jnp.ones((), at_start.dtype), y0, at_start)
-        stages = take_stages(
-            self.table, start, unroll=self.unroll, evaluations=len(self.table.c), with_end=False
-        )
-        within = interpolant(self.table, start, stages, at_start, accurate=False)
+        stages = take_stages(self.table, start, unroll=self.unroll, with_end=False, between=False)
+        within = interpolant_of_noise(self.table, start, stages) if state.between else None
         return stages.result, None, {"within": within}, state, _result(stages.result)
 
 

@@ -58,15 +58,15 @@ class Stages:
 
 
 def take_stages(
-    table: MethodTable, start: Start, *, unroll: bool, evaluations: int, with_end: bool
+    table: MethodTable, start: Start, *, unroll: bool, with_end: bool, between: bool
 ) -> Stages:
     """Return stages and results, from a loop by which XLA compiles ``f`` and flow once.
 
-    On the algebra it has the first ``evaluations`` of ``f``; for others, ``with_end`` says whether
-    ``f`` is evaluated at the end of the step if no stage is there.
+    If ``with_end``, ``f`` is evaluated at the end of the step, too, and by methods on the algebra
+    if ``between`` at the nodes of output.
     """
     if table.on_algebra:
-        return _take_stages_on_algebra(table, start, unroll, evaluations)
+        return _take_stages_on_algebra(table, start, unroll, with_end, between)
     return _take_stages_by_flows(table, start, unroll, with_end)
 
 
@@ -167,7 +167,7 @@ def _vectors_of_time(table: MethodTable, start: Start) -> JaxArray:
 
 
 def _take_stages_on_algebra(
-    table: MethodTable, start: Start, unroll: bool, evaluations: int
+    table: MethodTable, start: Start, unroll: bool, with_end: bool, between: bool
 ) -> Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
@@ -194,6 +194,9 @@ def _take_stages_on_algebra(
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
     series = max(table.record.series, output.series)
     in_parts = table.estimate is EstimateForm.PARTS_OF_SERIES
+    evaluations = max(output.final, count) if with_end else count
+    if between and not unroll:
+        evaluations = width
 
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, tuple[JaxArray | None, ...]]:
         row, c, column = stage
@@ -216,7 +219,7 @@ def _take_stages_on_algebra(
     values = vectors[:count]
     final = sums[width - 1 :] if unroll else jnp.asarray(last, h.dtype) @ values
     result, errors = rules.restore(rules.flow(h * final[0], y0)), final[1:]
-    if evaluations < width:  # XLA removes this loop where no output between steps is asked for
+    if between and unroll:
         _, (_, more, _) = loop(sums, slice(evaluations, width), unroll=False)
         vectors = jnp.concatenate([vectors, more])
     if in_parts:  # the correction at the first stage is zero
@@ -258,15 +261,15 @@ class StepInterpolation(diffrax.AbstractLocalInterpolation):
 
     t0: Any
     t1: Any
-    within: _Interpolant
+    within: _Interpolant | None  # None where no point between the ends is asked for
 
     def evaluate(self, t0: Any, t1: Any = None, left: bool = True) -> JaxArray:
         """Return the point at a time, or the difference of those at two times."""
+        assert self.within is not None
         if not self.within.scheme.accurate:
             warnings.warn(
-                "dense='steps' has errors of second order in the step between the ends of steps; "
-                "output and events there need a solver without it. With noise all solvers have "
-                "errors of order ½ there: end steps at such times, with diffrax.StepTo",
+                "with noise, output and events between the ends of steps have errors of order ½; "
+                "end steps at such times, with diffrax.StepTo",
                 stacklevel=2,
             )
         if t1 is not None:
@@ -277,25 +280,22 @@ class StepInterpolation(diffrax.AbstractLocalInterpolation):
         return self.within(theta)
 
 
-def interpolant(
-    table: MethodTable, start: Start, stages: Stages, at_end: JaxArray, *, accurate: bool
-) -> _Interpolant:
-    """Return the interpolant of a step; ``at_end`` are the coefficients at its end.
-
-    If not ``accurate``, it is made of `_step_scheme`.
-    """
+def interpolant(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray) -> _Interpolant:
+    """Return the interpolant of a step; ``at_end`` are the coefficients at its end."""
     rules = start.rules
-    if not accurate:
-        fields = start.h * stages.vectors[: table.combined_vectors]
-        return _Interpolant(start.y0, fields, rules, _step_scheme(table))
     if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(table, start, stages, at_end)
     return _by_flows(table, start, stages, at_end)
 
 
+def interpolant_of_noise(table: MethodTable, start: Start, stages: Stages) -> _Interpolant:
+    """Return the flows of a step with weights proportional to time."""
+    fields = start.h * stages.vectors[: table.combined_vectors]
+    return _Interpolant(start.y0, fields, start.rules, _noise_scheme(table))
+
+
 @cached
-def _step_scheme(table: MethodTable) -> _Scheme:
-    """Return the flows of the step, with weights proportional to time."""
+def _noise_scheme(table: MethodTable) -> _Scheme:
     return _Scheme(table.result_flows[..., None], accurate=False)
 
 

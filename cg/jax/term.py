@@ -167,7 +167,7 @@ class NoiseTerm(diffrax.ControlTerm):
     ...     cg.jax.FrameTerm(lambda t, y, args: jnp.zeros(3), frame),
     ...     cg.jax.NoiseTerm(lambda t, y, args: 0.3 * jnp.eye(3), path, frame),
     ... )
-    >>> solver = cg.jax.Solver("CF4", dense="steps")
+    >>> solver = cg.jax.Solver("CF4")
     >>> y = diffrax.diffeqsolve(terms, solver, 0.0, 1.0, 0.01, jnp.eye(3)).ys[-1]
     >>> bool(abs(y.T @ y - jnp.eye(3)).max() < 1e-5)
     True
@@ -226,9 +226,14 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
 
 
 def events_and_output() -> tuple[bool, bool]:
-    """Return whether there is an event, and output between steps, which a solver isn't told."""
-    solve = _caller("diffrax._integrate", "diffeqsolve") or {}
-    has_events, saveat = solve.get("event") is not None, solve.get("saveat", diffrax.SaveAt())
+    """Return whether there is an event, and output between steps, which a solver isn't told.
+
+    Outside of `diffeqsolve` any point may be asked for.
+    """
+    solve = _caller("diffrax._integrate", "diffeqsolve")
+    if solve is None:
+        return False, True
+    has_events, saveat = solve["event"] is not None, solve["saveat"]
     outputs = jax.tree.leaves(saveat.subs, is_leaf=lambda x: isinstance(x, diffrax.SubSaveAt))
     between = saveat.dense or any(output.ts is not None for output in outputs)
     return has_events, has_events or between
@@ -237,7 +242,7 @@ def events_and_output() -> tuple[bool, bool]:
 def _caller(module: str, name: str) -> dict[str, Any] | None:
     """Return the variables of a function that is among the callers, or None."""
     # Names of diffrax 0.7.0 and 0.7.2; with others test_implicit_adjoints fails, as does
-    # test_steps_longer_than_a_turn_do_not_pass_over_events, and output takes more time.
+    # test_steps_longer_than_a_turn_do_not_pass_over_events, and all steps make interpolants.
     caller = inspect.currentframe()
     for _ in range(_CALLERS):
         if caller is None:

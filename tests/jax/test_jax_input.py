@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 def test_points_off_the_manifold():
     frame = fr.SO3()
 
-    end = lambda y0: solve(term(frame)[0], cg.jax.Solver("CF3", dense="steps"), y0, h=0.5).ys[-1]
+    end = lambda y0: solve(term(frame)[0], cg.jax.Solver("CF3"), y0, h=0.5).ys[-1]
     for wrong in (
         2.0 * jnp.eye(3),
         jnp.eye(3).at[0, 1].set(1e-7),
@@ -52,7 +52,6 @@ class TestRefusals:
     def test_methods(self):
         refuses(ValueError, "method must", cg.jax.Solver, "CF99")
         refuses(ValueError, "method must", cg.jax.Solver, "DICG3")
-        refuses(TypeError, "dense must", cg.jax.Solver, "CF4", dense=1)
         refuses(TypeError, "unroll must", cg.jax.Solver, "RKMK4", unroll=2)
         with pytest.raises(ValueError, match="which needs brackets"):
             solve(term(squeeze())[0], cg.jax.Solver("RKMK4"), np.ones(3), h=0.1)
@@ -110,7 +109,7 @@ class TestRefusals:
 
         @eqx.filter_jit
         def compiled(good, name, **options):
-            solver = cg.jax.Solver(name, dense="steps")
+            solver = cg.jax.Solver(name)
             return solve(ours, solver, point(frame), args=good, **options)
 
         def run(good, name="CF4(3)", **options):

@@ -44,7 +44,7 @@ class TestSteps:
     def test_all_methods(self, name):
         frame = fr.UnitQuaternion()
         ours, f = term(frame)
-        solver = cg.jax.Solver(name, dense="steps")
+        solver = cg.jax.Solver(name)
         y0, h = point(frame), 0.1
         y = jnp.asarray(y0)
         state = solver.init(ours, 0.0, h, y, 1.0)
@@ -92,7 +92,7 @@ class TestErrors:
     def test_steps_are_those_of_solve_ivp(self, frame, name, rtol):
         ours, f = term(frame)
         y0 = point(frame)
-        solution = solve(ours, cg.jax.Solver(name, dense="steps"), y0, end=2.0, rtol=rtol)
+        solution = solve(ours, cg.jax.Solver(name), y0, end=2.0, rtol=rtol)
         expected = cg.solve_ivp(f, (0.0, 2.0), y0, frame=frame, method=name, rtol=rtol, atol=rtol)
         assert solution.stats["num_accepted_steps"] == len(expected.t) - 1
         np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=1e-12)
@@ -100,7 +100,7 @@ class TestErrors:
     def test_controllers_of_diffrax_and_steps_backwards(self):
         """``PIDController`` measures errors in entries of points."""
         frame = ATTITUDE_AND_VELOCITY
-        ours, solver = cg.jax.FrameTerm(body(jnp), frame), cg.jax.Solver("CF5(4)", dense="steps")
+        ours, solver = cg.jax.FrameTerm(body(jnp), frame), cg.jax.Solver("CF5(4)")
         pid = diffrax.PIDController(rtol=1e-8, atol=1e-8)
         end = solve(ours, solver, START, end=2.0, h=0.01, stepsize_controller=pid, args=INERTIA)
         exact = cg.solve_ivp(body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12)
@@ -117,11 +117,10 @@ class TestErrors:
         kink = 0.46525
 
         f = lambda t, y, args=None: abs(t - kink) * np.ones(1)
-        solver, y0 = cg.jax.Solver(name, dense="steps"), np.zeros(1)
+        solver, y0 = cg.jax.Solver(name), np.zeros(1)
         ours = cg.jax.FrameTerm(f, fr.Euclidean(1))
-        _, error, *_ = solver.step(
-            ours, 0.0, 1.0, jnp.asarray(y0), None, SolverState(kink * y0 + kink, None, False), False
-        )
+        start = SolverState(kink * y0 + kink, None, has_events=False, between=False)
+        _, error, *_ = solver.step(ours, 0.0, 1.0, jnp.asarray(y0), None, start, False)
         _, expected = Step(f, fr.Euclidean(1), METHODS[name]).trial(0.0, y0, 1.0, 0.0, 1.0)
         assert abs(error[0]) == pytest.approx(expected, abs=1e-14)
         assert expected > 1e-4
@@ -133,7 +132,7 @@ class TestErrors:
         f = lambda xp, t: xp.where(t < 1.0, 0.0, xp.cos(50.0 * t)).reshape(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: f(jnp, t), frame)
         solution = solve(
-            ours, cg.jax.Solver("CF4(3)", dense="steps"), np.zeros(1), end=2.0, rtol=1e-6,
+            ours, cg.jax.Solver("CF4(3)"), np.zeros(1), end=2.0, rtol=1e-6,
             saveat=diffrax.SaveAt(steps=True),
         )  # fmt: skip
         expected = cg.solve_ivp(
@@ -153,7 +152,7 @@ class TestErrors:
         loose = cg.jax.controller(frame, 1e3, 1e3)
         steps = diffrax.ClipStepSizeController(loose, jump_ts=[0.5])
         for name in ("DP5(4)", "RKMK5(4)"):
-            solver = cg.jax.Solver(name, dense="steps")
+            solver = cg.jax.Solver(name)
             end = solve(ours, solver, np.zeros(1), h=0.25, stepsize_controller=steps).ys[-1, 0]
             assert float(end) == pytest.approx(-1.0, abs=1e-14)
 
@@ -163,7 +162,7 @@ class TestErrors:
         steps = cg.jax.controller(frame, 1e-3, 1e-3, max_step=0.125)
         for first in (None, 0.5):
             solution = solve(
-                ours, cg.jax.Solver("BS3(2)", dense="steps"), np.zeros(1), h=first, max_steps=16,
+                ours, cg.jax.Solver("BS3(2)"), np.zeros(1), h=first, max_steps=16,
                 stepsize_controller=steps, saveat=diffrax.SaveAt(steps=True),
             )  # fmt: skip
             count = int(solution.stats["num_steps"])
@@ -210,11 +209,11 @@ def test_estimates_of_long_turns_are_not_believed(frame, name):
     rng = np.random.default_rng(2)
     axis, change = rng.standard_normal((2, frame.dim))
     axis /= np.sqrt(sum(axis[-3:] ** 2))
-    solver, y0 = cg.jax.Solver(name, dense="steps"), jnp.asarray(point(frame))
+    solver, y0 = cg.jax.Solver(name), jnp.asarray(point(frame))
 
     def error(angle, factor):
         f = cg.jax.FrameTerm(lambda t, y, s: angle * axis + s * (t > 0.0) * change, frame)
-        start = SolverState(jnp.asarray(angle * axis), None, has_events=False)
+        start = SolverState(jnp.asarray(angle * axis), None, has_events=False, between=False)
         return solver.step(f, 0.0, 1.0, y0, factor, start, False)
 
     error = jax.jit(error)
@@ -227,7 +226,7 @@ def test_estimates_of_long_turns_are_not_believed(frame, name):
 
 
 def test_stored_solvers_are_equal():
-    solver = cg.jax.Solver("CF4", dense="steps")
+    solver = cg.jax.Solver("CF4")
     ours, _ = term(fr.Hyperbolic(2))
     traced = []
 

@@ -115,7 +115,7 @@ class TestTransforms:
         def last(begin, end):
             return solve(
                 cg.jax.FrameTerm(lambda t, y, args: t * y, frame),
-                cg.jax.Solver("BS3(2)", dense="steps"), np.ones(1), begin=begin, end=end,
+                cg.jax.Solver("BS3(2)"), np.ones(1), begin=begin, end=end,
                 adjoint=diffrax.ForwardMode(),
             ).ys[-1, 0]  # fmt: skip
 
