@@ -149,8 +149,9 @@ def admitted(program: Program) -> Program:
             events[k] = replace(events[k], period=False)
         if zero.jump == "other" and edge:
             events[k] = replace(events[k], jump="y0")
-        if events[k].jump == "y0" and zero.place == 0.5:  # or contacts rest at y0
-            events[k] = replace(events[k], place=0.3)
+        # no contact rests at y0, where copies may have zeros of their originals
+        for j in range(k + 1) if events[k].jump == "y0" or program.turns == 0.0 else ():
+            events[j] = replace(events[j], place=0.3 if events[j].place == 0.5 else events[j].place)
         if zero.kind == "edge":
             events[k] = Zero("edge", 0.1, terminal=1)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
