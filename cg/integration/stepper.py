@@ -465,6 +465,10 @@ class Stepper:
                     self._has_step |= self.t != run.reached.item(0)
                     self._overwritten = True  # the failed step has used the memory of stages
                     self.t = run.reached.item(0)
+                    late = self.direction * self.t
+                    for k, rows in enumerate(run.events_of_calls[calls:], calls):
+                        times = self.direction * rows[:, EventColumn.TIME]
+                        run.events_of_calls[k] = rows[times <= late]  # no events of that step
                 else:
                     del run.events_of_calls[calls:]
                     self._begin(self.t, *start)

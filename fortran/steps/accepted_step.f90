@@ -107,13 +107,14 @@ contains
 
     if (x%last%requested .and. .not. finite(size(x%last%slope), x%last%slope)) then
       call request(x, x%last%start, x%last%y, phase_interpolant_start_received)
-    else if (.not. x%slope_known) then
-      call request(x, x%t, x%y(:, 0), &
-                   merge(phase_end_received, phase_interpolant_start_received, x%last%requested))
-    else if (.not. (x%last%requested .or. x%end_known)) then
-      call request(x, x%t_end, x%y(:, x%result), phase_end_received)
-    else
+    else if (.not. (x%last%requested .or. x%slope_known)) then
+      call request(x, x%t, x%y(:, 0), phase_interpolant_start_received)
+    else if (x%end_known) then
       call interpolate(x)
+    else if (x%last%requested) then
+      call request(x, x%t, x%y(:, 0), phase_end_received)
+    else
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received)
     end if
   end subroutine request_ends
 
@@ -124,12 +125,14 @@ contains
     associate (begins => x%phase == phase_interpolant_start_received)
       if (begins .and. x%last%requested) then
         x%last%slope(:) = x%request%answer
-      else if (begins .or. x%last%requested) then
+      else if (begins) then
         x%slope(:) = x%request%answer
-        x%slope_known = begins .or. x%t == x%request%t
+        x%slope_known = .true.
       else
         x%end_slope(:) = x%request%answer
         x%end_known = .true.
+        x%slope_known = x%slope_known .or. (x%last%requested .and. x%t == x%request%t)
+        if (x%last%requested) x%slope(:) = x%end_slope
       end if
       if (begins) then
         call request_ends(x)
@@ -154,15 +157,14 @@ contains
         self%y0(:) = x%last%y
         self%y1(:) = x%y(:, 0)
         self%vectors(:, 1) = x%last%slope
-        self%vectors(:, 2) = x%slope
       else
         self%t0 = x%t
         self%h = x%t_end - x%t
         self%y0(:) = x%y(:, 0)
         self%y1(:) = x%y(:, x%result)
         self%vectors(:, 1) = x%slope
-        self%vectors(:, 2) = x%end_slope
       end if
+      self%vectors(:, 2) = x%end_slope
       if (size(x%joints%impulse) > 0) then   ! slopes are forces alone
         call add_constraint_forces(x%frame, self%y0, .true., self%vectors(:, 1), status)
         if (status == no_stop) &

@@ -41,7 +41,7 @@ contains
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: e(2, 3)                      ! (part, i) e_i of the quadratures and of the rest
-    real(wp) :: parts(2), change
+    real(wp) :: part, change            ! part: the estimate by the second part
 
     call error_scales(x%frame, x%tolerances, x%y(:, 0), x%y(:, x%result), x%norms%difference, &
                       x%norms%scale)
@@ -49,13 +49,18 @@ contains
     call difference_norms(x, e)
     x%estimate%error = combined(x%method, e(1, 1), e(1, 2))
     if (x%method%in_parts) then
-      parts = [x%estimate%error, combined(x%method, e(2, 1), e(2, 2))]
-      x%estimate%error = merge(sum(parts), maxval(parts), x%method%kind == linear_kind)
-      if (x%method%kind == linear_kind .and. e(2, 2) > 1) call raise_by_change(x, e(2, 2))
+      part = combined(x%method, e(2, 1), e(2, 2))
+      if (x%method%kind /= linear_kind) then
+        call take_larger(x%estimate%error, part)
+      else
+        x%estimate%error = x%estimate%error + part
+        if (e(2, 2) > 1) call raise_by_change(x, e(2, 2))
+      end if
     else if (x%method%estimate == at_end_estimate) then
       if (e(1, 3) > 0 .and. e(1, 3) <= huge(1.0_wp)) &
         e(1, 2) = e(1, 2) * (e(1, 2) / hypot(e(1, 2), e(1, 3)))
-      x%estimate%error = max(e(1, 1), x%method%factor * e(1, 2))
+      x%estimate%error = e(1, 1)
+      call take_larger(x%estimate%error, x%method%factor * e(1, 2))
     end if
     call raise_by_angle(x)
     if (.not. x%method%uses_last_nodes) return
@@ -64,14 +69,14 @@ contains
                            x%norms%displacement)
       x%norms%displacement = x%h * x%norms%displacement
       call remove_isotropy(x%frame, x%y(:, x%result), x%norms%displacement)
-      x%estimate%error = max(x%estimate%error, displacement_norm(x))
+      call take_larger(x%estimate%error, displacement_norm(x))
     else                                     ! of the first step, and after a breakpoint or a jump
       ! without parts e2 is no estimate of its own
       change = variation(x)
       if (e(1, 1) > resolved_first * change) then
-        x%estimate%error = max(x%estimate%error, e(1, 1))
+        call take_larger(x%estimate%error, e(1, 1))
       else if (x%method%in_parts .and. e(1, 2) > resolved_second * change) then
-        x%estimate%error = max(x%estimate%error, e(1, 2))
+        call take_larger(x%estimate%error, e(1, 2))
       end if
     end if
   end subroutine estimate_error
@@ -130,7 +135,7 @@ contains
     real(wp), intent(inout) :: error
     real(wp), intent(in) :: other
 
-    if (.not. other <= error) error = other
+    if (other > error .or. other /= other) error = other
   end subroutine take_larger
 
   ! Raises the error of a step of a Magnus method, whose differences may vanish by chance.
@@ -147,8 +152,8 @@ contains
     end do
     power = 1 / x%tolerances%exponent
     ! rest = O(h^3), so that times change^(power - 3) it has the order of the error
-    x%estimate%error = max(x%estimate%error, rest * (change / unit_of_change)**(power - 3))
-    if (change > max_change) x%estimate%error = max(x%estimate%error, (change / max_change)**power)
+    call take_larger(x%estimate%error, rest * (change / unit_of_change)**(power - 3))
+    if (change > max_change) call take_larger(x%estimate%error, (change / max_change)**power)
   end subroutine raise_by_change
 
   ! The estimate e1 (e1 / hypot(e1, factor e2))^power

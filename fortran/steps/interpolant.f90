@@ -358,7 +358,7 @@ contains
     type(interpolant_t), intent(inout) :: self
     type(inner_points_t), intent(inout) :: inner       ! workspace
     real(wp), intent(in) :: theta(:)         ! between 0 and 1
-    real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
+    real(wp), intent(inout) :: y(:, :)       ! (point_size, fractions)
     real(wp) :: reached(self%frame%point_size)
     integer :: k, rank(size(theta))          ! rank: of each fraction, the smallest first
 

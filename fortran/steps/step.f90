@@ -92,6 +92,7 @@ contains
     integer :: k
 
     do k = 1, times
+      if (k > 1) x%request%t = within_segment(x, x%t + x%method%c(x%stage) * x%h)
       x%request%answer(:m) = answers(:, k)
       if (k == times .or. .not. finite(m, answers(:, k))) return
       x%status = no_stop

@@ -143,12 +143,12 @@ contains
         waits = .true.
         x%status = no_stop
       else if (x%status /= no_stop) then
-        return
+        exit
       end if
     end do
-    if (.not. waits) return
-    x%status = needs_events
-    x%events = events
+    if (.not. waits .and. x%status == no_stop) return
+    if (x%status == no_stop) x%status = needs_events
+    x%events = events                        ! the step may be tried again
     deallocate (x%zeros)
   end subroutine find_zeros
 

@@ -173,7 +173,7 @@ module trajectory_m
     type(counters_t) :: counts
     ! the present point
     real(wp) :: t = 0.0_wp
-    logical :: slope_known = .false.
+    logical :: slope_known = .false., end_known = .false.
     type(grid_t) :: grid                     ! equal steps in the segment
     type(control_t) :: control
     real(wp) :: h = 0.0_wp                   ! signed size of the step
@@ -212,7 +212,6 @@ module trajectory_m
     type(norms_t) :: norms
     ! paths_m, if a stage is there, or accepted_step_m; loop_m for the start
     real(wp), allocatable :: slope(:), end_slope(:)    ! (dimension) coefficients at start and end
-    logical :: end_known = .false.
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
     integer :: outputs_passed = 0            ! output times passed
@@ -312,7 +311,6 @@ contains
       control=control_t(step_size=x%control%step_size, attempts=x%control%attempts))
     x%last%cut = .false.
     x%y(:, 0) = y
-    x%end_known = .false.
     x%joints%constraints%factored = .false.            ! members may have inertia of their own
     if (first_step >= 0) then
       x%control%step_size = first_step
@@ -373,6 +371,7 @@ contains
     if (size(x%events) > 0) call move(c_loc(x%events), storage_size(x%events), size(x%events))
     call move_numbers(size(x%y, 1), x%y)
     call move_numbers(size(x%slope), x%slope)
+    call move_numbers(size(x%end_slope), x%end_slope)
     call move_numbers(size(x%f), x%f)
     call move_numbers(size(x%last%y), x%last%y)
     call move_numbers(size(x%last%slope), x%last%slope)

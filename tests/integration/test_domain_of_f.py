@@ -52,6 +52,13 @@ def test_fixed_steps(method):
         cg.solve_ivp(clock, (2, 5), [0.0], method=method, h=0.3, **LINE)
 
 
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_first_bad_stage_of_linear_equations(vectorized):
+    options = {"method": "CFM6(4)b", "h": 3.0, "vectorized": vectorized} | LINE
+    run = cg.solve_linear(lambda t: clock(t, None), (0, 6), [0.0], **options)
+    assert "at t = 1.5" in run.message
+
+
 @pytest.mark.parametrize("kind", [{}, {"vectorized": True}, {"common_steps": True}, {"workers": 2},
                                   {"vectorized": True, "common_steps": True}], ids=str)  # fmt: skip
 @pytest.mark.parametrize("method", ["auto", "CF5(4)", "RadauIIA5"])

@@ -1,7 +1,5 @@
 """Motion with joints: orders, structure, and every way to integrate."""
 
-import pickle
-
 import numpy as np
 import pytest
 from mechanics import BODIES, GRAVITY, chain, closed_by_ball, double_pendulum, four_bar
@@ -280,27 +278,6 @@ def test_a_stepper_goes_on_after_constraints_have_failed():
     for stepper in steppers:
         stepper.advance(0.3)
     np.testing.assert_array_equal(steppers[0].y, steppers[1].y)
-
-
-def test_events_ensembles_and_steppers():
-    side = lambda t, y: y[9]  # of the first body
-    options = {"method": "RATTLE6", "h": 0.02}
-    run = PENDULUM.run(span=(0.0, 2.0), events=side, **options)
-    other = PENDULUM.run("auto", (0.0, 2.0), events=side, **ADAPTIVE)
-    assert len(run.t_events[0]) == len(other.t_events[0]) > 0
-    assert np.abs(run.t_events[0] - other.t_events[0]).max() < 5e-9
-    assert PENDULUM.frame.membership_error(run.y_events[0]).max() < 1e-14
-    starts = np.array([PENDULUM.y0, run.y[10]])
-    both = cg.solve_ensemble(PENDULUM.f, (0.0, 0.4), starts, frame=PENDULUM.frame, **options)
-    for start, member in zip(starts, both, strict=True):
-        assert np.array_equal(member.y[-1], PENDULUM.run(span=(0, 0.4), y0=start, **options).y[-1])
-    stepper = cg.Stepper(forces, 0.0, PENDULUM.y0, frame=PENDULUM.frame, **options)
-    stepper.advance(0.2)
-    again = pickle.loads(pickle.dumps(stepper))
-    for one in (stepper, again):
-        one.advance(0.4)
-    assert np.array_equal(stepper.y, again.y)
-    assert np.abs(stepper.y - both[0].y[-1]).max() < 2e-14
 
 
 def forces(t, y):

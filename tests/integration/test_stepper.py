@@ -349,33 +349,3 @@ def test_copies_of_each_step_take_the_steps_of_one_run(name, direction):
         assert_array_equal(twin.y, stepper.y)
         assert [getattr(twin, n) for n in COUNTS] == [getattr(stepper, n) for n in COUNTS]
     assert stepper.nrejected > 5
-
-
-def slow_turn(t, y, *u):
-    rate = u[0] if u else 1.0 if abs(t) < 0.5 else -2.0
-    return [rate, 0.2 * np.cos(t), y[0, 1]]
-
-
-@pytest.mark.parametrize("way", [
-    {"rtol": 1e-6}, {"rtol": 1e-6, "method": "RadauIIA5"}, {"method": "CF4", "h": 0.1},
-])  # fmt: skip
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize("stops", ["breakpoints", "inputs"])
-def test_a_restart_at_an_earlier_time_forgets_all_after_it(stops, direction, way):
-    at = np.sort(direction * np.array([0.0, 0.5, 1.0, 1.5]))
-    given = {"breakpoints": direction * np.array([0.5, 1.0])}
-    if stops == "inputs":
-        given = {"inputs": cg.Samples(at, [1.0, -2.0, 3.0, 0.5])}
-    event = cg.Event(lambda t, y, *_: abs(t) - 0.7)
-    late = 0.8 if stops == "inputs" else 0.0  # breakpoints lie beyond the start
-    again, new = (
-        cg.Stepper(slow_turn, direction * t0, np.eye(3), direction * 1.4, frame=SO3(), events=event,
-                   **way, **given) for t0 in (late, 0.0)
-    )  # fmt: skip
-    again.advance(direction * 1.2)
-    again.restart(t=0.0, y=np.eye(3))
-    while new.status == "running":
-        assert again.step() is None is new.step()
-        assert (again.t, again.t_old, again.status) == (new.t, new.t_old, new.status)
-        assert_array_equal(again.y, new.y)
-    assert again.t_events[0].tolist() == (1 if late else 2) * new.t_events[0].tolist()

@@ -123,6 +123,10 @@ def admitted(program: Program) -> Program:
     change(program.linear, compiled="", form="time" if program.form == "state" else program.form)
     change(program.linear or program.compiled or not plain, rhs="coefficients")
     change(hosted or "Stiefel" in program.frame.expression, rhs="coefficients")
+    jointed = "joints" in frame.expression  # of which long steps fail, and tangents are constrained
+    change(jointed and program.method in SPLITTINGS, method="Leapfrog")
+    change(jointed and program.steps, turns=min(program.turns, 1.0))
+    change(jointed, derivatives="")
     smooth = frame.brackets and program.method != "RadauIIA5" and program.length != 0
     change(not smooth or program.method in SPLITTINGS or hosted, derivatives="")
     change(program.linear and program.derivatives, derivatives="adjoint")

@@ -171,6 +171,24 @@ def phase(space: Space, inertia: list[float], turning: bool) -> Space:
     return Space(text, base, space.dim, field, phase=True, along=along)
 
 
+def hung(mass: float) -> Space:
+    """Return the phase space of a point mass on a rod of length one."""
+
+    def field(force, y):
+        q, momentum = y[:3], y[3:]
+        rod = q @ force + momentum @ momentum / mass
+        return np.concatenate([momentum / mass, force - rod * q])
+
+    def along(xi, y):
+        q, step = y[:3], xi[:3] - y[:3] * (y[:3] @ xi[:3])
+        return np.concatenate([step, xi[3:] - q * (q @ xi[3:] + step @ y[3:])])
+
+    rod = "cg.frames.Joint('distance', (None, np.zeros(3)), (0, np.zeros(3)), length=1.0)"
+    text = f"cg.frames.PhaseSpace(cg.frames.Euclidean(3), {mass}, joints=[{rod}])"
+    base = np.append(np.eye(3)[2], np.zeros(3))
+    return Space(text, base, 3, field, phase=True, along=along)
+
+
 def matrices(name: str, basis: np.ndarray, side: str, brackets: bool = True) -> Space:
     """Return linear fields of a frame of the user; points are vectors."""
     text = f"cg.frames.{name}({basis.tolist()})"
@@ -222,5 +240,5 @@ SPACES = (
           entries=True, prelude=CIRCLE),
     product(BODY, PLANE), product(SPIN, LINE, SPHERE), power(SPHERE, 2), power(QUATERNION, 2),
     phase(BODY, [1.0, 1.5, 2.0], True), phase(PLANE, [1.5, 1.5], False),
-    phase(SPHERE, [1.5, 1.5, 1.5], False),
+    phase(SPHERE, [1.5, 1.5, 1.5], False), hung(1.5),
 )  # fmt: skip

@@ -234,13 +234,15 @@ class Run:
     def call(self, steps: int) -> int:
         """Let compiled code try some steps, collect its output, and return how many were tried."""
         self.record.budget = steps
+        # bytes of what one step of each lane stores: points, times, slopes and events
+        self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
         try:
-            # bytes of what one step of each lane stores: points, times, slopes and events
-            self._check_memory(32 * self._lanes * (self.plan.width + self.plan.dim + 2))
             self._core.run_drive(self.address)
         except Exception as error:
             self._add_note(error)
             raise
+        finally:
+            self._collect()
         record, jacobian = self.record, self.problem.jacobian
         if jacobian is not None and jacobian.constant:
             self.counts[:, COUNTS.index("njev")] = 0
@@ -252,7 +254,6 @@ class Run:
             raise ValueError(
                 f"{name} must return {kind} numbers, got one that isn't {kind} at t = {t:.17g}"
             )
-        self._collect()
         return max(steps - int(record.budget), 1)
 
     def _add_note(self, error: Exception) -> None:
