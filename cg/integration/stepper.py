@@ -98,8 +98,8 @@ class Stepper:
     -----
     If the error estimate can't be met, ``step`` and ``advance`` return a message, and ``status`` is
     ``"failed"``. After that, or an exception or interrupt of ``f``, ``t``, ``y`` and events are
-    those of the last complete step, or of an ensemble those before the call. After an exception further
-    steps may be tried, and after a failure ``restart`` may be called.
+    those of the last complete step, or of an ensemble those before the call. After an exception
+    further steps may be tried, and after a failure ``restart`` may be called.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
     `CompiledFunction`; the copy goes on bit for bit. ``copy.copy`` takes any ``f``.
