@@ -375,7 +375,7 @@ contains
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical :: together(size(x%zeros))
     real(wp) :: y(size(after))
-    integer :: k
+    integer :: i, k
 
     theta_end = 1.0_wp
     ended = .false.
@@ -389,7 +389,9 @@ contains
         together(k) = .true.
         if (ended) then
           theta_end = zeros(k)%theta
-          x%events(pack(zeros%event, .not. zeros%stored))%residual = 0.0_wp
+          do i = 1, size(zeros)
+            if (.not. zeros(i)%stored) state(zeros(i)%event)%residual = 0.0_wp
+          end do
           call find_together(x, theta_end, together)
           if (x%status /= no_stop) return
         end if
