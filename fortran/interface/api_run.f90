@@ -53,8 +53,9 @@ contains
     plan%frame%momenta_offset = plan%frame%blocks(bodies + 1)%p1 - 1
     plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
     plan%frame%tangents = tangents
-    allocate (plan%frame%bodies(bodies))
-    call make_bodies(columns, constants, plan%frame, plan%frame%bodies, alloc_status)
+    allocate (plan%frame%bodies(bodies), stat=alloc_status)
+    if (alloc_status == 0) &
+      call make_bodies(columns, constants, plan%frame, plan%frame%bodies, alloc_status)
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
