@@ -223,7 +223,7 @@ contains
   ! c_k to lie in the middle of its piece, c_k = sum_{j<k} b_j + b_k/2, in tableaux only.
   subroutine set_up(self, order, layout, trees, owner)
     class(order_conditions_t), intent(inout) :: self
-    integer, intent(in) :: order, layout(:)    ! layout: see weights_t
+    integer, intent(in) :: order, layout(:)    ! layout: see read_layout in weights_m
     integer, intent(in) :: trees(:)            ! (conditions) of stages: at most order nodes
     integer, intent(in) :: owner(:)            ! (conditions)
 

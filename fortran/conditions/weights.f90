@@ -64,11 +64,7 @@ contains
     pattern%unknowns = pattern%weight_start(pattern%points + 1) - 1
     pattern%point = [(spread(m, 1, layout(begin + m)), m=1, pattern%points)]
     begin = begin + pattern%points
-
-    ends = .false.
-    ends(stage_point) = .true.
-    ends(pattern%results) = .true.
-    if (pattern%points > 0) ends(pattern%points) = .true.
+    ends = [(any(m == [stage_point, pattern%results, pattern%points]), m=0, pattern%points)]
     do m = 1, pattern%points
       if (pattern%parent(m) == m - 1) cycle
       ends(pattern%parent(m)) = .true.

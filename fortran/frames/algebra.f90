@@ -3,7 +3,7 @@
 ! = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., on most blocks in closed form.
 module algebra_m
   use kinds, only: wp
-  use blocks_m, only: amplifies, beta, block_t, last_term, radius, series_below, zero_bracket
+  use blocks_m, only: beta, block_t, full_turn, half_turn, last_term, series_below, zero_bracket
   use frames_m, only: frame_t
   use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
                             isospectral_block, se3_block, so_block, su_block, u_block
@@ -99,10 +99,10 @@ contains
 
     square = dot_product(u(:, 0), u(:, 0))
     power = motion_bracket(u, v)
-    if (square >= amplifies**2) then
+    if (square >= half_turn**2) then
       if (norm2(power(:, 0)) <= zero_bracket * norm2(u(:, 0)) * norm2(v(:, 0)) .and. &
           norm2(power) <= zero_bracket * norm2(u) * norm2(v)) return
-      if (square >= radius**2) then
+      if (square >= full_turn**2) then
         exists = .false.
         return
       end if

@@ -19,8 +19,8 @@ module blocks_m
     174611 / 802857662698291200000.0_wp, 77683 / 1.4101100039391805e22_wp]
   ! Terms decrease by a factor 4 pi^2: those left out are below rounding in double precision.
   integer, parameter, public :: last_term = 11
-  ! its radius, a full turn; from half of it on dexp^-1 amplifies the rounding of zero brackets
-  real(wp), parameter, public :: radius = 8 * atan(1.0_wp), amplifies = radius / 2
+  ! its radius of convergence; from half of it on dexp^-1 amplifies the rounding of zero brackets
+  real(wp), parameter, public :: full_turn = 8 * atan(1.0_wp), half_turn = full_turn / 2
   real(wp), parameter, public :: series_below = 1.0_wp             ! the largest square of an angle
   ! relative brackets below this are rounding, sums of weights up to 40 in DOP853
   real(wp), parameter, public :: zero_bracket = commuting_roundings * epsilon(1.0_wp)

@@ -28,7 +28,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), target, intent(in) :: y(frame%point_size), slope(frame%point_size)
     real(wp), intent(out) :: v(frame%dimension)
-    real(wp) :: dropped, p(4), q(4), quotient(4), matrix(8)
+    real(wp) :: dropped, p(4), q(4), half_velocity(4), matrix(8)
     real(wp), allocatable :: answer(:)       ! coefficients, length of what is dropped
     integer :: i
 
@@ -48,12 +48,12 @@ contains
           v(v1:v2) = slope(p1:p2)
           cycle
         case (so3_block, se3_block)
-          call in_motion(block, y(p1), slope(p1), v(v1), dropped)
+          call motion_coefficients(block, y(p1), slope(p1), v(v1), dropped)
         case (quaternion_block, su2_block)
           p = get_quaternion(block, y(p1:p2))
           q = get_quaternion(block, slope(p1:p2))
-          quotient = quaternion_quotient(p, q, block%space)
-          v(v1:v2) = 2 * quotient(1:3)
+          half_velocity = quaternion_quotient(p, q, block%space)
+          v(v1:v2) = 2 * half_velocity(1:3)
           dropped = dot_product(p, q)**2
           if (block%kind == su2_block) then
             call set_quaternion(q, matrix)
@@ -90,8 +90,8 @@ contains
     frame%dropped_at = t
   end subroutine report
 
-  ! The coefficients of a derivative of a rotation or rigid motion, by rows; the square of the rest
-  pure subroutine in_motion(block, y, slope, v, dropped)
+  ! Computes coefficients of a derivative of a motion, stored by rows, and the square of the rest.
+  pure subroutine motion_coefficients(block, y, slope, v, dropped)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: y(3 + block%k, 3 + block%k), slope(3 + block%k, 3 + block%k)
     real(wp), intent(out) :: v(3, 1 + block%k), dropped
@@ -110,6 +110,6 @@ contains
       end if
       dropped = dropped + sum(slope(:, 3 + j)**2)
     end do
-  end subroutine in_motion
+  end subroutine motion_coefficients
 
 end module derivatives_m

@@ -92,7 +92,7 @@ contains
           block%dimension = block%action%generators
           block%point_size = block%action%point_size
           used = used + length
-        case (callback_block)                          ! the only one of its frame
+        case (callback_block)                ! alone in its frame; its options are a point size
           block%dimension = block%n
           block%point_size = options
           used = used + block%dimension

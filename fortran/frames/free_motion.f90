@@ -6,7 +6,7 @@ module free_motion_m
   use frames_m, only: apply_flows, frame_t
   use gyroscopic_m, only: carry_tangents, move_by_series, rotor_momentum, substeps, turn_with_rotor
   use joints_m, only: constraint_impulse, constraints_t, evaluate_constraints, &
-       factor_constraints, rates, solve_constraints
+                      factor_constraints, rates, solve_constraints
   use kinds, only: wp
   use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
@@ -16,7 +16,7 @@ module free_motion_m
   private
   public :: add_constraint_forces, add_free_motion, close_joints, complete_forces, constraints_at, &
             drift, is_closed, make_bodies, make_tangential, move_by_impulses, remove_opening, &
-            without_opening
+            try_close_joints
 
 contains
 
@@ -304,7 +304,7 @@ contains
   end subroutine remove_opening
 
   ! Closes the joints of a point between steps, unless they can't be closed.
-  subroutine without_opening(frame, y)
+  subroutine try_close_joints(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)
     real(wp) :: closed(size(y))
@@ -313,6 +313,6 @@ contains
     closed = y
     call close_joints(frame, closed, status)
     if (status == no_stop) y = closed
-  end subroutine without_opening
+  end subroutine try_close_joints
 
 end module free_motion_m

@@ -110,7 +110,7 @@ contains
     linkage%v1 = blocks(linkage%span(1, :))%v1
     linkage%v2 = blocks(linkage%span(2, :))%v2
     linkage%first_column = [(findloc(linkage%v1(:i) <= linkage%v2(i) .and. &
-                              linkage%v2(:i) >= linkage%v1(i), .true., 1), i=1, size(linkage%v1))]
+                              linkage%v2(:i) >= linkage%v1(i), .true., 1), i=1, rows)]
     linkage%row_start = [(sum([(j - linkage%first_column(j), j=1, i)]), i=1, rows)]
   end subroutine make_linkage
 
@@ -217,13 +217,13 @@ contains
     type(pose_t), intent(in) :: pose(0:)
     type(product_t), intent(out) :: product
     real(wp), intent(out) :: scale
-    real(wp) :: arm(3, 2), end(3, 2)         ! points of the bodies from their positions, in space
+    real(wp) :: arm(3, 2), tip(3, 2)         ! points from the positions of bodies, and in space
     integer :: j
 
     do j = 1, 2
       associate (body => pose(row%body(j)))
         arm(:, j) = matmul(body%r, row%point(:, j))
-        end(:, j) = body%x + arm(:, j)
+        tip(:, j) = body%x + arm(:, j)
         product%axis(:, j) = row%axis(:, j)
         if (j == 2 .or. row%form /= along_space) product%axis(:, j) = matmul(body%r, row%axis(:, j))
       end associate
@@ -238,13 +238,13 @@ contains
       scale = 1.0_wp
       return
     end if
-    product%right = end(:, 1) - end(:, 2)
+    product%right = tip(:, 1) - tip(:, 2)
     product%lever(:, 1) = arm(:, 1)
     product%lever(:, 2) = -arm(:, 2)
     product%side = [1.0_wp, -1.0_wp]
     if (any(row%form == [along_space, fixed_length])) product%turned = 0.0_wp
     if (row%form == fixed_length) product%left = product%right / row%length
-    scale = maxval(abs(end)) + maxval(abs(arm))
+    scale = maxval(abs(tip)) + maxval(abs(arm))
   end subroutine find_vectors
 
   ! Finds the derivatives of a row along the fields of its bodies.

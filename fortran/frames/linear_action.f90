@@ -18,7 +18,7 @@ module linear_action_m
   ! Points within a flow along a polynomial
   type :: inner_points_t
     integer :: owner = 0, count = 0          ! owner: the member of the step
-    integer :: from = 0                      ! output times before them
+    integer :: passed = 0                    ! output times before the first of them
     real(wp), allocatable :: theta(:)        ! (count) or more, fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
   end type inner_points_t

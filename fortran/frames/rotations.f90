@@ -3,7 +3,7 @@
 ! v, half = |v| / 2: those of several flows are multiplied, and one rotation moves the point.
 module rotations_m
   use kinds, only: wp
-  use blocks_m, only: amplifies, beta, block_t, min_length, radius, series_below, zero_bracket
+  use blocks_m, only: beta, block_t, full_turn, half_turn, min_length, series_below, zero_bracket
   use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
@@ -97,7 +97,6 @@ contains
       end do
       call multiply(merge(1.0_wp, -1.0_wp, block%space), e, q(1), q(2), q(3), q(4))
     end do
-
     do i = 1, block%k
       if (block%space) then
         u = y(3 + i, :)
@@ -259,9 +258,9 @@ contains
 
     square = u(1)**2 + u(2)**2 + u(3)**2
     once = cross(u, v)
-    if (square >= amplifies**2) then
+    if (square >= half_turn**2) then
       if (norm2(once) <= zero_bracket * norm2(u) * norm2(v)) return
-      if (square >= radius**2) then
+      if (square >= full_turn**2) then
         exists = .false.
         return
       end if

@@ -3,7 +3,7 @@ module api_run_m
   use, intrinsic :: iso_c_binding, only: c_bool, c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int8, int64
   use callback_m, only: callback_t
-  use collocation_m, only: refactor
+  use collocation_m, only: factor_again
   use frames_m, only: distance_bound, frame_t, make_frame
   use free_motion_m, only: make_bodies
   use joints_m, only: make_linkage
@@ -53,8 +53,9 @@ contains
     plan%frame%momenta_offset = plan%frame%blocks(bodies + 1)%p1 - 1
     plan%frame%forces = plan%frame%blocks(bodies + 1)%dimension
     plan%frame%tangents = tangents
-    allocate (plan%frame%bodies(bodies))
-    call make_bodies(columns, constants, plan%frame, plan%frame%bodies, alloc_status)
+    allocate (plan%frame%bodies(bodies), stat=alloc_status)
+    if (alloc_status == 0) &
+      call make_bodies(columns, constants, plan%frame, plan%frame%bodies, alloc_status)
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
@@ -205,7 +206,7 @@ contains
     do i = 1, members
       call exchange_state(run%lanes(i), logical(restores), bytes(:, i), used)
       if (.not. restores) cycle
-      call refactor(run%lanes(i))
+      call factor_again(run%lanes(i))
       call store_lane(run, i)
     end do
     if (restores) call wake(run)

@@ -155,7 +155,7 @@ contains
     type(run_t), intent(inout) :: run
 
     run%step_limits = reshape(reals(run%record%limits, 2 * run%record%limited), &
-                         [2_int64, run%record%limited])
+                              [2_int64, run%record%limited])
     run%rhs%data = member_data_t(run%record%data, int(run%record%data_stride, c_intptr_t))
     if (run%record%curves > 0) call c_f_pointer(transfer(run%record%inputs, c_null_ptr), &
                                                 run%rhs%data%inputs, [run%record%curves])
@@ -245,7 +245,7 @@ contains
     type(run_t), target, intent(inout) :: run
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, status
-    logical :: waits, stops                  ! whether a lane waits for the maximum, or has paused
+    logical :: any_waits, any_paused         ! whether a lane waits for the maximum, or has paused
     logical :: in_rounds
 
     budget = run%record%budget
@@ -258,8 +258,8 @@ contains
     run%record%events = 0
     run%output%status = no_stop
     drive_all: do
-      waits = .false.
-      stops = .false.
+      any_waits = .false.
+      any_paused = .false.
       do i = 1, size(run%lanes)
         if (any(run%lanes(i)%status == [needs_rhs, needs_events])) cycle
         if (.not. (run%record%common .or. in_rounds)) share(i) = budget
@@ -267,16 +267,16 @@ contains
         status = advance_lane(run, i, share(i))
         budget = budget + share(i)
         if (status == raised) exit drive_all
-        waits = waits .or. status == needs_maximum
-        stops = stops .or. status == paused
+        any_waits = any_waits .or. status == needs_maximum
+        any_paused = any_paused .or. status == paused
       end do
-      if (in_rounds .and. (stops .or. budget <= 0)) then
+      if (in_rounds .and. (any_paused .or. budget <= 0)) then
         exit
       else if (any(run%lanes%status == needs_events)) then
         call answer_events(run)
       else if (any(run%lanes%status == needs_rhs)) then
         call answer_rhs(run)
-      else if (waits .and. .not. stops) then           ! all lanes wait for the maximum
+      else if (any_waits .and. .not. any_paused) then  ! all lanes wait for the maximum
         run%lanes%request%shared = maxval(run%lanes%request%shared, run%busy)
         where (run%busy) run%lanes%status = paused
       else

@@ -348,8 +348,8 @@ contains
           if (time == t) then
             point = y
           else if (x%method%kind == polynomial_kind) then
-            call prepare_next(x, output)
-            point = inner%y(:, passed + 1 - inner%from)
+            call compute_next_output(x, output)
+            point = inner%y(:, passed + 1 - inner%passed)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
@@ -372,14 +372,14 @@ contains
     associate (inner => x%problem%inner, &
                times => output%times(x%outputs_passed + 1:x%outputs_passed + count))
       inner%owner = x%member
-      inner%from = x%outputs_passed
+      inner%passed = x%outputs_passed
       inner%theta(:count) = (times - x%t) / (x%t_end - x%t)      ! may round to 1 before the end
       inner%count = findloc([(times - x%t_end) * sign(1.0_wp, x%h) < 0, .false.], .false., 1) - 1
     end associate
   end subroutine prepare_inner
 
   ! Computes the point at the next output time, along a polynomial, unless it is known.
-  subroutine prepare_next(x, output)
+  subroutine compute_next_output(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
@@ -387,7 +387,7 @@ contains
                first => x%method%path_first(x%method%result), &
                last => x%method%path_first(x%method%result + 1) - 1)
       ! members with common steps may have prepared points of theirs in the meantime
-      if (inner%owner == x%member .and. x%outputs_passed - inner%from < inner%count) return
+      if (inner%owner == x%member .and. x%outputs_passed - inner%passed < inner%count) return
       call prepare_inner(x, output)
       point = x%y(:, 0)
       call combine_flows(x%method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
@@ -395,6 +395,6 @@ contains
                              inner)
       x%counts%nexp = x%counts%nexp + 1
     end associate
-  end subroutine prepare_next
+  end subroutine compute_next_output
 
 end module accepted_step_m

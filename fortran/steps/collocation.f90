@@ -25,8 +25,8 @@ module collocation_m
                             step_too_long
   implicit none
   private
-  public :: converges_fast, damp_displacement, keep_step, receive_collocation, receive_column, &
-            refactor, request_collocation
+  public :: converges_fast, damp_displacement, factor_again, keep_step, receive_collocation, &
+            receive_column, request_collocation
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `near_rounding` that no longer decrease, both relative to the point.
@@ -70,12 +70,12 @@ contains
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
-  subroutine refactor(x)
+  subroutine factor_again(x)
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
     if (x%collocation%factored_h /= 0) call factor(x, x%collocation%factored_h, singular)
-  end subroutine refactor
+  end subroutine factor_again
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
   subroutine receive_collocation(x)
@@ -282,7 +282,7 @@ contains
 
     x%counts%njev = x%counts%njev + 1
     if (x%problem%record%jacobian == differences_jacobian) then
-      call displacements(x, x%collocation%z(:, 1))     ! z is free until the Jacobian is complete
+      call find_displacements(x, x%collocation%z(:, 1))  ! z is free until the Jacobian is complete
       x%collocation%column = 1
       call request_column(x)
       return
@@ -303,7 +303,7 @@ contains
   ! of the point makes no difference, or to the absolute tolerance where that is larger, since
   ! smaller changes may have no digits in f. A coordinate of zero without one has the size that its
   ! slope gives it within a step. Coordinates that aren't controlled share their largest size.
-  subroutine displacements(x, d)
+  subroutine find_displacements(x, d)
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
@@ -313,7 +313,7 @@ contains
     where (.not. d > 0) d = abs(x%h * x%slope)
     where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
     d = sqrt(epsilon(1.0_wp)) * d
-  end subroutine displacements
+  end subroutine find_displacements
 
   ! The coordinates whose errors aren't controlled, such as derivatives of a solution
   pure function not_controlled(x)

@@ -24,7 +24,7 @@ module implicit_m
 
   real(wp), parameter :: rounding = 1e-10_wp   ! corrections below it may be rounding errors of f
   real(wp), parameter :: max_rate = 0.1_wp     ! of corrections, above which factors are replaced
-  real(wp), parameter :: max_growth = 1e3_wp   ! of residuals, above which an iteration diverges
+  real(wp), parameter :: max_residual_growth = 1e3_wp    ! above which an iteration diverges
 
 contains
 
@@ -204,7 +204,7 @@ contains
         return
       end if
       max_iterations = merge(fixed_point_limit, newton_limit, solver%fixed_point)
-      if (.not. solver%residual <= max_growth * solver%min_residual &
+      if (.not. solver%residual <= max_residual_growth * solver%min_residual &
           .or. solver%iteration == max_iterations) then
         call reject_block(x, block)
         return

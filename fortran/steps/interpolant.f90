@@ -19,7 +19,7 @@ module interpolant_m
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t
-  use free_motion_m, only: make_tangential, move_by_impulses, without_opening
+  use free_motion_m, only: make_tangential, move_by_impulses, try_close_joints
   use kinds, only: wp
   use linear_action_m, only: inner_points_t, move_polynomially
   use method_m, only: scheme_t
@@ -350,7 +350,7 @@ contains
     else
       call follow_flows(self, theta, y)
     end if
-    if (self%frame%jointed) call without_opening(self%frame, y)
+    if (self%frame%jointed) call try_close_joints(self%frame, y)
   end subroutine evaluate_interpolant
 
   ! Evaluates the interpolant at some fractions by one flow along a polynomial.

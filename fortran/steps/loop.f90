@@ -18,7 +18,7 @@ module loop_m
   use collocation_m, only: receive_column
   use step_m, only: receive_error, receive_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
-                         max_step_by_turn, request_curvature
+                         receive_slope, request_curvature
   use requests_m, only: retry_step
   use phases_m
   use trajectory_m, only: trajectory_t
@@ -107,20 +107,5 @@ contains
       call store_output(x, output)
     end select
   end subroutine advance
-
-  ! Stores the coefficients at the start, by which a size may be chosen, or chosen again.
-  subroutine receive_slope(x)
-    type(trajectory_t), intent(inout) :: x
-
-    x%slope(:) = x%request%answer
-    x%slope_known = .true.
-    x%phase = phase_next_stage
-    if (.not. x%problem%adaptive) return
-    if (x%control%step_size > max_step_by_turn(x)) then      ! which the slope has just limited
-      x%control%attempts = x%control%attempts - 1
-      x%phase = phase_choose_step
-    end if
-    if (.not. x%control%step_size > 0) x%phase = phase_guess_size
-  end subroutine receive_slope
 
 end module loop_m

@@ -103,8 +103,8 @@ contains
     end if
     method%in_parts = method%estimate >= parts_of_results_estimate     ! the first such form
     allocate (method%leads(0:size(method%origin)), source=.false.)
-    method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1
+      if (any(k == [method%result, method%embedded, method%third])) method%leads(k) = .true.
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
     call make_scheme(record, method%kind, method%scheme)

@@ -145,6 +145,7 @@ contains
     end do
   end subroutine evaluate_stored
 
+  ! Stores an event in a row, with the points before and after its jump.
   subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event

@@ -2,7 +2,7 @@
 ! collocation.f90 and, explicit ones with paths, in paths.f90, the error in error_estimate.f90.
 module step_m
   use kinds, only: wp
-  use free_motion_m, only: without_opening
+  use free_motion_m, only: try_close_joints
   use collocation_m, only: converges_fast, keep_step, request_collocation, receive_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
@@ -171,7 +171,7 @@ contains
     if (x%method%kind == collocation_kind) call keep_step(x)
     ! other methods than RATTLE have moved along forces that keep joints closed up to their error
     if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
-      call without_opening(x%frame, x%y(:, x%result))
+      call try_close_joints(x%frame, x%y(:, x%result))
   end subroutine accept_or_reject
 
   ! Decides by the error of a step whether it is rejected, and chooses the size of the next one. The

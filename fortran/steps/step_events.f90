@@ -26,7 +26,7 @@ module step_events_m
   private
   public :: ends_step, find_zeros, store_zeros
 
-  real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
+  real(wp), parameter :: root_tolerance = 4 * epsilon(1.0_wp)          ! of a fraction of the step
   ! Bisection takes 53 iterations, far more towards zero; interpolations are at most as many.
   integer, parameter :: max_root_iterations = 3600
 
@@ -84,7 +84,7 @@ contains
       end if
       a = new
       zero = merge(a%theta, b%theta, abs(a%value) < abs(b%value))
-      min_part = tolerance * (abs(zero) + 1) / abs(b%theta - a%theta) / 2
+      min_part = root_tolerance * (abs(zero) + 1) / abs(b%theta - a%theta) / 2
       if (min_part > 0.5_wp .or. a%value == 0) exit
       ! the inverse parabola through a, b and c is used where it increases between a and b
       xi = (a%theta - b%theta) / (c%theta - b%theta)
@@ -375,7 +375,7 @@ contains
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical :: together(size(x%zeros))
     real(wp) :: y(size(after))
-    integer :: k
+    integer :: i, k
 
     theta_end = 1.0_wp
     ended = .false.
@@ -389,7 +389,9 @@ contains
         together(k) = .true.
         if (ended) then
           theta_end = zeros(k)%theta
-          x%events(pack(zeros%event, .not. zeros%stored))%residual = 0.0_wp
+          do i = 1, size(zeros)
+            if (.not. zeros(i)%stored) state(zeros(i)%event)%residual = 0.0_wp
+          end do
           call find_together(x, theta_end, together)
           if (x%status /= no_stop) return
         end if

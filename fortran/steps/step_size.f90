@@ -21,7 +21,7 @@ module step_size_m
                             splitting_kind, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
-  public :: begin_segment, choose_step, choose_first_size, guess_size, max_step_by_turn, &
+  public :: begin_segment, choose_step, choose_first_size, guess_size, receive_slope, &
             request_curvature
 
 contains
@@ -97,18 +97,17 @@ contains
   ! Chooses the first size by the curvature, the change of the slope over the guessed size.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: curvature, size
+    real(wp) :: curvature, h
 
-    size = x%control%guessed_size
+    h = x%control%guessed_size
     if (all(abs(x%request%answer) < huge(1.0_wp))) then
       call tangent(x%frame, x%tolerances, x%slope, x%y(:, 0), x%norms%change)
       call tangent(x%frame, x%tolerances, x%request%answer, x%y(:, x%result), x%norms%difference)
-      curvature = error_norm(x%tolerances, x%norms%difference - x%norms%change, x%norms%scale) &
-                  / x%control%guessed_size
-      size = bounded(x, min(max_growth * x%control%guessed_size, first_size( &
+      curvature = error_norm(x%tolerances, x%norms%difference - x%norms%change, x%norms%scale) / h
+      h = bounded(x, min(max_growth * h, first_size( &
         x%control%point_norm, x%control%slope_norm, curvature, x%tolerances%exponent)))
     end if
-    call share(x, -size, phase_size_shared)
+    call share(x, -h, phase_size_shared)
   end subroutine choose_first_size
 
   ! The time to the end of the segment
@@ -128,9 +127,24 @@ contains
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
   end function bounded
 
+  ! Stores the coefficients at the start, by which a size may be chosen, or chosen again.
+  subroutine receive_slope(x)
+    type(trajectory_t), intent(inout) :: x
+
+    x%slope(:) = x%request%answer
+    x%slope_known = .true.
+    x%phase = phase_next_stage
+    if (.not. x%problem%adaptive) return
+    if (x%control%step_size > max_step_by_turn(x)) then      ! which the slope has just limited
+      x%control%attempts = x%control%attempts - 1
+      x%phase = phase_choose_step
+    end if
+    if (.not. x%control%step_size > 0) x%phase = phase_guess_size
+  end subroutine receive_slope
+
   ! The longest step. Without an end, where a terminal event may never come, it is a turn at most:
   ! events are looked for in each part of a turn, so that steps of ever more would take ever longer.
-  real(wp) function max_step_by_turn(x)
+  pure real(wp) function max_step_by_turn(x)
     type(trajectory_t), intent(in) :: x
     real(wp), parameter :: turn = 1.98_wp * acos(-1.0_wp)    ! before the pole of dexp^-1 at 2 pi
     real(wp) :: rate
@@ -213,14 +227,14 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
     real(wp) :: v(x%frame%dimension), values(-1:1), offset, log_change, density
-    real(wp), parameter :: near = 1e-2_wp    ! the fraction of a step in the difference of s
+    real(wp), parameter :: probe = 1e-2_wp   ! the fraction of a step in the difference of s
     integer :: i
 
     v = 0.0_wp
     call add_free_motion(x%frame, x%y(:, 0), v)
     v(x%frame%forces + 1:) = 0.0_wp
     call evaluate_size(x, 0 * v, values(0))
-    offset = near * x%problem%record%h * values(0)
+    offset = probe * x%problem%record%h * values(0)
     do i = -1, 1, 2
       if (x%status /= raised) call evaluate_size(x, real(i, wp) * offset * v, values(i))
     end do

@@ -210,7 +210,7 @@ module trajectory_m
     ! error_estimate_m; errors also step_m, norms also step_size_m and collocation_m
     type(estimate_t) :: estimate
     type(norms_t) :: norms
-    ! paths_m, if a stage is there, or accepted_step_m; loop_m for the start
+    ! paths_m, if a stage is there, or accepted_step_m; step_size_m for the start
     real(wp), allocatable :: slope(:), end_slope(:)    ! (dimension) coefficients at start and end
     ! accepted_step_m, which goes on from an accepted step
     type(interpolant_t) :: interpolant
