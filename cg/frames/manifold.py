@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
-from cg.support.checks import check_real
+from cg.support.arrays import Array, Points, Size, complex_array, is_array, real_array
+from cg.support.checks import check_name, check_real
 
 FLOAT64 = np.dtype(np.float64)
 MEMBERSHIP_TOLERANCE = 1e-8

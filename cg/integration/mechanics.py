@@ -93,7 +93,7 @@ def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) ->
             "method must be a splitting method with a thermostat, 'Leapfrog' or, with joints, "
             f"'RATTLE', since others have no part of a step that is noise alone, got {table!r}"
         )
-    if not is_symmetric(table):
+    if not table.symmetric:
         raise ValueError(
             "method must be symmetric with a thermostat, whose noise is in the middle of a step, "
             f"got {table!r}"
@@ -111,14 +111,6 @@ def check_heated_span(bath: Any, start: float, end: float) -> None:
             "thermostat must be None backward in time, where friction would drive momenta, got "
             f"{bath!r}"
         )
-
-
-def is_symmetric(table: MethodTable) -> bool:
-    """Return whether a splitting method is symmetric."""
-    drifts, kicks = table.arrays["drifts"], table.arrays["weight"]
-    if len(drifts) == len(kicks):
-        drifts = np.append(0.0, drifts)
-    return all(np.allclose(x, x[::-1], rtol=0.0, atol=1e-12) for x in (drifts, kicks))
 
 
 class MemberInertia(NamedTuple):
@@ -184,7 +176,7 @@ def step_function_of(
     function = options["step_function"]
     if function is None:
         return None
-    if plan.table.kind is not Kind.SPLITTING or not is_symmetric(plan.table):
+    if plan.table.kind is not Kind.SPLITTING or not plan.table.symmetric:
         raise ValueError(
             "method must be a symmetric splitting method with a step_function, whose steps can be "
             f"reversed, got {plan.table!r}"

@@ -15,7 +15,7 @@ from cg.integration.problem import Problem
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
-from cg.support.checks import total_memory
+from cg.support.memory import total_memory
 from cg.support.shared_numbers import LoopStatus
 
 _TERMINAL = int(LoopStatus.TERMINAL_EVENT)

@@ -31,7 +31,6 @@ from cg.integration.mechanics import (
 )
 from cg.integration.options import EnsembleOptions
 from cg.integration.output.solutions import EnsembleSolution, Solution
-from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
@@ -44,9 +43,17 @@ from cg.integration.rhs.inputs import (
     check_inputs,
     check_member_inputs,
 )
-from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short, warn_user
+from cg.integration.rhs.python import Jacobian, PythonRhs, Rhs, jacobian_of
+from cg.support.arrays import Array, Points, read_only
+from cg.support.checks import (
+    NO_LIMIT,
+    check_choice,
+    check_count,
+    check_real,
+    short,
+    texts_of,
+    warn_user,
+)
 from cg.support.frozen import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 

@@ -36,8 +36,8 @@ from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_real, short, warn_user
+from cg.support.arrays import Array, Points, check_finite, read_only
+from cg.support.checks import NO_LIMIT, check_real, short, texts_of, warn_user
 from cg.support.frozen import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, LoopStatus
 from cg.support.shared_records import COUNTERS, COUNTS

@@ -125,3 +125,18 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     zero = jnp.zeros(frame.dim, real_dtype(y))
     _, pull = jax.vjp(lambda v: rules.flow(v, y), zero)
     return pull(g.astype(y.dtype))[0]
+
+
+def turning(frame: Frame, v: JaxArray) -> JaxArray:
+    """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
+    if isinstance(frame, frames.Product):
+        factors = zip(frame.factors, frame._vector_slices, strict=True)
+        return jnp.stack([turning(factor, v[slot]) for factor, slot in factors]).max()
+    if isinstance(frame, frames.Power):
+        return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
+    is_quaternion = isinstance(frame, frames.UnitQuaternion)
+    group = frames.SO3() if is_quaternion else getattr(frame, "group", frame)
+    if not isinstance(group, frames.SO | frames.SU | frames.U):
+        return jnp.zeros((), v.dtype)
+    factor = 2.0 if isinstance(group, frames.SO) and group.n > 3 else 1.0
+    return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))

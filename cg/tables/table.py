@@ -15,11 +15,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
-from cg.support.shared_numbers import ERROR_ESTIMATE, EstimateForm, StepKind
+from cg.support.shared_numbers import EstimateForm, StepKind
 from cg.support.shared_records import METHOD, fields_of
-
-MAX_ANGLE = ERROR_ESTIMATE["max_angle"]
-"""Longest step whose error estimate is believed, in radians."""
 
 _INTEGERS = {"origin", "path_first", "flow_first", "flow_stage", "stage_path"}
 
@@ -135,6 +132,14 @@ class MethodTable:
         drifts, kicks = self.arrays["drifts"], self.arrays["weight"]
         halves = (drifts + np.append(0.0, drifts[:-1])) / 2.0
         return halves.shape == kicks.shape and bool(np.allclose(halves, kicks, rtol=0, atol=1e-15))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a splitting method is symmetric."""
+        drifts, kicks = self.arrays["drifts"], self.arrays["weight"]
+        if len(drifts) == len(kicks):
+            drifts = np.append(0.0, drifts)
+        return all(np.allclose(x, x[::-1], rtol=0.0, atol=1e-12) for x in (drifts, kicks))
 
     @property
     def is_polynomial(self) -> bool:

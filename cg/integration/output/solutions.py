@@ -15,7 +15,8 @@ from cg.frames.base import Frame
 from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, clipped, read_only, real_array, texts_of
+from cg.support.arrays import Array, Points, clipped, read_only, real_array
+from cg.support.checks import texts_of
 from cg.support.frozen import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS

@@ -13,8 +13,8 @@ from scipy import LowLevelCallable
 from cg import _core_r64 as core
 from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
-from cg.support.arrays import Array, Points
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments
+from cg.support.arrays import Array, Points, address_of
 from cg.support.capsules import address_in, data_in
 from cg.support.frozen import changed
 
@@ -90,7 +90,7 @@ class CompiledRhs:
     @property
     def data_address(self) -> int:
         """Address of the data of the first member."""
-        return self.user_address if self.data is None else address(self.data)
+        return self.user_address if self.data is None else address_of(self.data)
 
     def failed_name(self, member: int) -> str | None:
         """Return the name of the function that failed last, of a member."""

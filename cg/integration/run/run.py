@@ -20,7 +20,7 @@ from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, address_of
 from cg.support.memory import check_memory
 from cg.support.shared_numbers import (
     EventColumn,
@@ -194,8 +194,8 @@ class Run:
     def _share(self, name: str, array: Any) -> Any:
         """Put the address of an array into the record, and keep the array alive."""
         self._buffers[name] = array
-        if array.size:  # much faster than array.ctypes
-            setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
+        if array.size:
+            setattr(self.record, name, address_of(array))
         return array
 
     def _share_problem(self) -> None:
