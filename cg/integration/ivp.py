@@ -402,12 +402,12 @@ def integrate(
 
 def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point."""
-    problem, progress = add_derivatives(problem, options), options["progress"]
-    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
+    problem, function = add_derivatives(problem, options), options["progress"]
+    progress = None if function is None else Progress(function, problem.t0, problem.t1)
     check_output_size(problem)
-    results = integrate_members(problem, watch)
-    if watch is not None:
-        watch.finish()
+    results = integrate_members(problem, progress)
+    if progress is not None:
+        progress.finish()
     solution = solution_of(problem, results)
     for text in results.warnings:
         warn_user(text)

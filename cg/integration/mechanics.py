@@ -84,10 +84,10 @@ def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     return np.array([rhs.result(member, time, point) for member, time, point in calls])
 
 
-def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) -> None:
-    """Raise TypeError or ValueError unless a heat bath fits the integration."""
-    if not isinstance(bath, Langevin):
-        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
+def check_thermostat(thermostat: Any, table: MethodTable, options: EnsembleOptions) -> None:
+    """Raise TypeError or ValueError unless a thermostat fits the integration."""
+    if not isinstance(thermostat, Langevin):
+        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(thermostat)}")
     if table.kind is not Kind.SPLITTING:
         raise ValueError(
             "method must be a splitting method with a thermostat, 'Leapfrog' or, with joints, "
@@ -104,12 +104,12 @@ def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) ->
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
 
 
-def check_heated_span(bath: Any, start: float, end: float) -> None:
-    """Raise ValueError if time runs backward with a heat bath."""
-    if bath is not None and end < start:
+def check_thermostat_span(thermostat: Any, start: float, end: float) -> None:
+    """Raise ValueError if time runs backward with a thermostat."""
+    if thermostat is not None and end < start:
         raise ValueError(
             "thermostat must be None backward in time, where friction would drive momenta, got "
-            f"{bath!r}"
+            f"{thermostat!r}"
         )
 
 

@@ -150,7 +150,8 @@ class Collector:
             "_direction": problem.direction,
         }
         solution = filled(EnsembleSolution, fields)
-        return solution if problem.finish is None else problem.finish(problem, solution)
+        split = problem.split_solution
+        return solution if split is None else split(problem, solution)
 
 
 def split_events(indices: Any, values: Array, members: int, events: int) -> list[list[Array]]:
@@ -169,7 +170,7 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
 
 def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
-    if problem.events is not None or problem.dense_output or problem.finish is not None:
+    if problem.events is not None or problem.dense_output or problem.split_solution is not None:
         collector = Collector(problem, None)
         collector.add(slice(0, 1), results)
         solution = collector.solution()[0]

@@ -49,7 +49,7 @@ def check_output_size(problem: Problem) -> None:
         )
 
 
-def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults:
+def integrate_members(problem: Problem, progress: Progress | None) -> MemberResults:
     """Integrate members in this thread."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
     y, observed = None, None
@@ -60,7 +60,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
             observed = np.full((len(times), members, problem.observer.count), math.nan)
     run = Run(problem, y=y, observed=observed)
     texts: list[str] = []
-    drive(run, None if watch is None else watch.update, texts.append)
+    drive(run, None if progress is None else progress.update, texts.append)
     messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1

@@ -23,8 +23,8 @@ from cg.integration.default_method import AUTO, choose_method
 from cg.integration.heat_bath import Langevin
 from cg.integration.mechanics import (
     MemberInertia,
-    check_heated_span,
     check_thermostat,
+    check_thermostat_span,
     read_member_inertia,
     refuse_friction,
     step_function_of,
@@ -114,7 +114,7 @@ class Problem:
     dense_output: bool  # whether to store interpolants
     observer: Observer | None
     # splits points that hold derivatives into the points and derivatives of a solution
-    finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
+    split_solution: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
     with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
 
     @property
@@ -161,7 +161,7 @@ class Problem:
         return changed(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events,
             first_member=first, inertia=inertia, segment_ends=ends, limits=limits,
-            member_inputs=(), finish=None,
+            member_inputs=(), split_solution=None,
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
@@ -538,7 +538,7 @@ def make_problem(
     start, end = arguments.check_span(t_span)
     bound = end if bound is None else bound
     if options["thermostat"] is not None:
-        check_heated_span(options["thermostat"], start, bound)
+        check_thermostat_span(options["thermostat"], start, bound)
         check_thermostat(options["thermostat"], plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, end, members)

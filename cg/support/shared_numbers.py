@@ -48,7 +48,7 @@ class RhsFlag(IntEnum):
 
     RAISED_IN_PYTHON = -(2**31) + 1
     OBSERVER_FAILED = -(2**31) + 2  # not f, but what is evaluated at output times
-    SIZE_FAILED = -(2**31) + 3  # the function of step sizes
+    STEP_FUNCTION_FAILED = -(2**31) + 3  # the function of step sizes
 
 
 class StepKind(IntEnum):

@@ -3,7 +3,7 @@
 import ctypes
 from typing import Any
 
-RECORD = {
+RUN = {
     # all members
     "members": "integer",
     "lanes": "integer",  # members integrated at the same time
@@ -219,7 +219,7 @@ VARIATION = {
 """A right-hand side with derivatives."""
 
 RECORDS = {
-    "record_t": RECORD,
+    "record_t": RUN,
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
     "event_record_t": EVENT,

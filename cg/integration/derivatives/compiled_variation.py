@@ -156,11 +156,11 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
         forces_alone=equation.forces_alone, noises=0 if noise is None else equation.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
-    directions = None
-    if (chosen := equation.chosen) is not None:
+    parameter_parts = None
+    if (matrix := equation.directions) is not None:
         # a row for each direction; arrays can't be empty
-        directions = np.append(chosen[equation.frame.dim :].T.ravel(), 0.0)
-        record.directions, record.by_parameters = chosen.shape[1], address_of(directions)
+        parameter_parts = np.append(matrix[equation.frame.dim :].T.ravel(), 0.0)
+        record.directions, record.by_parameters = matrix.shape[1], address_of(parameter_parts)
     in_python = []
     for each in _functions(equation):
         if isinstance(each.function, CompiledRhs):
@@ -169,7 +169,7 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
         else:
             setattr(record, each.name, CALL_PYTHON)
             in_python.append(each)
-    return _SharedEntries(record, in_python, (structure, directions))
+    return _SharedEntries(record, in_python, (structure, parameter_parts))
 
 
 def _functions(equation: VariationalEquation) -> list[_Function]:
@@ -188,7 +188,7 @@ def _functions(equation: VariationalEquation) -> list[_Function]:
             return equation.differences(t, y, arguments)
 
         function = _Function("jac", difference, (frame.dim, frame.dim), _unchecked)
-        if equation.chosen is not None:
+        if equation.directions is not None:
             shape = frame.dim, equation.direction_count
             function = _Function("along", equation.differences_along, shape, _unchecked)
         functions.append(function)

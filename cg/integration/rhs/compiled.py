@@ -181,16 +181,16 @@ def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
         raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
     # the first item is a capsule, whose context is the address of the user's data
     capsule = tuple.__getitem__(source, 0)
-    requires_data = _words(source.signature).endswith(",double*)")
+    requires_data = _compact(source.signature).endswith(",double*)")
     addresses = address_in(capsule), data_in(capsule)
     return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 
-def _words(signature: str | None) -> str:
+def _compact(signature: str | None) -> str:
     """Return a signature without spaces and ``const``."""
     return (signature or "").replace("const", "").replace(" ", "")
 
 
 def _fits(signature: str | None, expected: str) -> bool:
-    head, _, data = _words(signature).rpartition(",")
+    head, _, data = _compact(signature).rpartition(",")
     return head == expected.replace(" ", "").rpartition(",")[0] and data.endswith("*)")

@@ -82,13 +82,14 @@ class RhsCheck:
 
     def __init__(self, f: Any, form: RhsForm, vectorized: bool = False) -> None:
         self.form, self.vectorized = form, vectorized
-        self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
-        self.rows = ("time" if self.of_time else "member") if vectorized else ""
+        function = f.function if isinstance(f, WithInput) else f
+        self.takes_no_point = isinstance(function, TimeFunction)
+        self.rows = ("time" if self.takes_no_point else "member") if vectorized else ""
 
     def hint(self, shape: tuple[int, ...]) -> str:
         """Return the advice on a value of another shape, an empty text without any."""
         frame = self.form.frame
-        if self.of_time:
+        if self.takes_no_point:
             vee = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
             return vee if hasattr(frame, "vee") else ""
         # forces on phase spaces are no coefficients of all fields
@@ -114,7 +115,7 @@ class CallContext(NamedTuple):
     like_result: Points  # an array of the shape and the type of its results
     check: Any  # check(value, t, y) returns other than plain results as an array, or raises
     spare: list[Any]  # arrays of the call before: the point, and numbers that change
-    of_time: bool  # whether it takes no point
+    takes_no_point: bool
     with_input: bool  # whether it gets the value of its first argument, a function of time
     changing: bool  # whether numbers of the last argument change, so that it gets copies
 
@@ -123,7 +124,7 @@ class CallContext(NamedTuple):
         args = _with_reader(args) if self.with_input else args
         entries = (
             self.function, args, self.like_point, self.like_result, self.check, [None, None],
-            self.of_time, self.with_input, self.changing,
+            self.takes_no_point, self.with_input, self.changing,
         )  # fmt: skip
         return tuple.__new__(CallContext, entries)  # in less time than by _replace
 
@@ -141,11 +142,11 @@ def call_context(
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, _with_reader(args)
-    of_time = isinstance(function, TimeFunction)
-    if of_time:
+    takes_no_point = isinstance(function, TimeFunction)
+    if takes_no_point:
         function = function.function
-    spare: list[Any] = [None, None]
-    return CallContext(function, args, *templates, check, spare, of_time, with_input, changing)
+    flags = takes_no_point, with_input, changing
+    return CallContext(function, args, *templates, check, [None, None], *flags)
 
 
 class Contexts:
@@ -202,10 +203,10 @@ class PythonRhs(Contexts):
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        changed = filled(PythonRhs, vars(self) | {"extra": extra})
+        rhs = filled(PythonRhs, vars(self) | {"extra": extra})
         first = self.contexts[0].with_arguments(extra.arguments(0))
-        changed._connect(first, extra, None if self.vectorized else extra.members)
-        return changed
+        rhs._connect(first, extra, None if self.vectorized else extra.members)
+        return rhs
 
     def on_form(self, form: RhsForm) -> PythonRhs:
         """Return the function on another frame of the same points."""
@@ -213,7 +214,8 @@ class PythonRhs(Contexts):
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
-        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.extra.inputs is not None)
+        names = ["t"] if self.check.takes_no_point else ["t", "y"]
+        names += ["u"] * (self.extra.inputs is not None)
         names += [f"args[{k}]" for k in range(len(self.extra.args))]
         names += ["parameters"] * (self.extra.parameters is not None)
         where, shape = f"at t = {t:.17g}", str(self.form.frame.point_shape)
@@ -221,7 +223,7 @@ class PythonRhs(Contexts):
             shape = f"{('k', *self.form.frame.point_shape)}, and t of shape (k,)".replace("'", "")
         elif self.extra.first_member is not None:
             where += f" in member {self.extra.first_member + member}"
-        with_shape = f" with y of shape {shape}" * (not self.check.of_time)
+        with_shape = f" with y of shape {shape}" * (not self.check.takes_no_point)
         return f"{where}; f is given ({', '.join(names)}){with_shape}"
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
