@@ -22,9 +22,9 @@ from cg.jax.manifolds import (
     conjugation_rules,
     euclidean_rules,
     hyperbolic_rules,
-    own_rules,
     sphere_rules,
     stiefel_rules,
+    user_rules,
 )
 from cg.jax.products import power_rules, product_rules
 from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
@@ -62,7 +62,7 @@ _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     frames.Hyperbolic: hyperbolic_rules,
     frames.Product: lambda frame: product_rules(frame, [*map(rules_of, frame.factors)]),
     frames.Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
-    **dict.fromkeys([frames.FieldFrame, frames.MatrixFrame, frames.LinearAction], own_rules),
+    **dict.fromkeys([frames.FieldFrame, frames.MatrixFrame, frames.LinearAction], user_rules),
 }
 
 

@@ -152,7 +152,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         at_start = eqx.error_if(
             at_start,
-            ~(rules.distance(y0) <= tolerance),
+            ~(rules.relative_error(y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )

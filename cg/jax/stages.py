@@ -379,7 +379,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray
             back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
             left = rules.composed(jnp.concatenate([back, displacements]))
             reached = rules.flow(left, reached)
-        left = left + rules.nearby(reached, stages.result)
+        left = left + rules.local_coordinates(reached, stages.result)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
     ends = h * jnp.stack([start.at_start, at_end])

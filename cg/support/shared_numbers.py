@@ -307,7 +307,7 @@ PARTS_OF_TURN = 12
 """Least number of comparisons of an event's signs while a step turns by 2π."""
 MAX_OWN_ROWS = 12
 """Largest number of rows of matrices that compiled code multiplies without BLAS."""
-COMMUTE = 1024.0  # a bracket of less rounding errors of its factors counts as zero
+COMMUTING_ROUNDINGS = 1024.0  # a bracket of less rounding errors of its factors counts as zero
 # beyond this ratio of their lengths, changes of point and parameters have differences of their own:
 # in one of both the shorter change would have few digits
 MAX_LENGTH_RATIO = 1000.0
@@ -351,7 +351,7 @@ def fortran_module() -> str:
         for column in columns:
             lines.append(f"  integer, parameter :: {prefix}_{column.name.lower()} = {column + 1}")
     others: dict[str, float] = {"parts_of_turn": PARTS_OF_TURN, "max_own_rows": MAX_OWN_ROWS}
-    others |= {"commuting_roundings": COMMUTE, "max_length_ratio": MAX_LENGTH_RATIO}
+    others |= {"commuting_roundings": COMMUTING_ROUNDINGS, "max_length_ratio": MAX_LENGTH_RATIO}
     for name, number in {**STEP_CONTROL, **ERROR_ESTIMATE, **others}.items():
         real = isinstance(number, float)
         kind, value = ("real(c_double)", f"{number}_c_double") if real else ("integer", number)
