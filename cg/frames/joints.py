@@ -14,7 +14,7 @@ from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.blocks import describe_blocks
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import times
+from cg.frames.inertia import rows_times
 from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
@@ -286,7 +286,7 @@ class Linkage:
         points = np.tile(y, (dim, 1))
         points[:, -dim:] = np.eye(dim)
         rates = self.errors(points)[:, self.count :].T  # G J⁻¹, by unit momenta
-        scaled = [times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
+        scaled = [rows_times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
         matrix = np.sum([rows @ rows.T for rows in scaled], axis=0)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         matrix /= scale * scale[:, None]

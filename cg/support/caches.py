@@ -11,7 +11,7 @@ Result = TypeVar("Result")
 _MAX_VALUES = 64
 
 
-def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
+def cached_by_identity(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
     """Return a function that computes its value once for each object.
 
     The key is the identity, since to hash all coefficients of a method takes longer than most

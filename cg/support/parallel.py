@@ -381,13 +381,13 @@ def _with_picklable_errors(work: Callable[[Item], Result], item: Item) -> Result
         with single_threads():
             return work(item)
     except Exception as error:
-        if _travels(error):
+        if _is_picklable(error):
             raise
         kind = type(error)
         raise RuntimeError(f"{kind.__module__}.{kind.__qualname__}: {error}") from error
 
 
-def _travels(error: Exception) -> bool:
+def _is_picklable(error: Exception) -> bool:
     try:
         return type(pickle.loads(pickle.dumps(error))) is type(error)
     except Exception:  # any error of the exception's own class

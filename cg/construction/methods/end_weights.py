@@ -27,7 +27,7 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.points import PointTree
 from cg.construction.trees import forest
-from cg.support.caches import cached
+from cg.support.caches import cached_by_identity
 
 Matrix = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class EndWeights:
     factor: Fraction  # factor of the estimate: a fifth of the time after the last node
 
 
-@cached
+@cached_by_identity
 def end_weights(method: Method) -> EndWeights | None:
     """Return the weights for an explicit pair that doesn't see the end of a step, else None."""
     order, second = method.order, method.embedded_order
@@ -69,7 +69,7 @@ def end_weights(method: Method) -> EndWeights | None:
     return EndWeights(weights, _SHARE * Fraction(1.0 - method.c.max()))
 
 
-@cached
+@cached_by_identity
 def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
     """Return the weights of stages for kinks in a pair with two more results, else None.
 
