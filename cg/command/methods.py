@@ -120,7 +120,7 @@ def show_command(method: str, in_json: bool) -> None:
 def _certificate(method: Method) -> str | None:
     try:
         beside = certificate_beside(method)
-        if beside is not None:  # nothing of a file of the user's is believed
+        if beside is not None:  # a certificate of the user is proved before it is shown
             check(beside, method)
     except CertificationError as error:
         return f"proves nothing: {error}"

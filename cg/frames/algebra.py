@@ -135,8 +135,8 @@ class FieldAlgebra(ABC):
 
         Examples
         --------
-        >>> from cg.frames import SO3
-        >>> SO3("space").bracket([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        >>> import crouch_grossman as cg
+        >>> cg.frames.SO3("space").bracket([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         array([0., 0., 1.])
         """
         return self._bracket(self._vectors(u, "u"), self._vectors(v))

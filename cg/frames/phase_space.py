@@ -112,8 +112,8 @@ class PhaseSpace(Product):
     axis of the body.
 
     >>> import numpy as np
-    >>> from cg.frames import SO3
-    >>> frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.PhaseSpace(cg.frames.SO3(), inertia=[1.0, 1.6, 2.3])
     >>> def f(t, y):
     ...     q, momentum = frame.split(y)
     ...     return np.cross(q[2], [0.0, 0.0, -1.0])

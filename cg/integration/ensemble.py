@@ -142,9 +142,9 @@ def solve_linear_ensemble(
     Spins with different detunings:
 
     >>> import numpy as np
-    >>> from cg.frames import SU
-    >>> solution = solve_linear_ensemble(
-    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=SU(2),
+    >>> import crouch_grossman as cg
+    >>> solution = cg.solve_linear_ensemble(
+    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=cg.frames.SU(2),
     ...     parameters=[[0.0], [1.0]], rtol=1e-9, atol=1e-9,
     ... )
     >>> abs(solution.y[-1, :, 1, 0]).round(6)

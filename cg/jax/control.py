@@ -334,7 +334,7 @@ def error_estimate(
 def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArray) -> JaxArray:
     """Return the largest change of the coefficients in the step, or the error if it is larger.
 
-    The estimate isn't believed at large angles, but constant coefficients may turn by any angle.
+    At large angles the estimate is unreliable, but constant coefficients may turn by any angle.
     ``raise_by_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
     angle.
     """

@@ -24,7 +24,7 @@ from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
 
 _NEWTON_STEPS = 3  # each squares an error that is of third order at first
-_TANGENT_ORDER = 16  # of the series of dexpinv; derivatives have no smaller ones to make up for it
+_TANGENT_ORDER = 16  # order of the series of dexpinv in derivatives, which no iteration corrects
 
 
 @dataclass(frozen=True)

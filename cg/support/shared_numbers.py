@@ -17,8 +17,8 @@ else:  # run by the build, beside shared_records.py
 class LoopStatus(IntEnum):
     """Why the compiled loop over steps returned."""
 
-    NO_STOP = 0  # it goes on; of a procedure that it calls: it has succeeded
-    STOPPED_BY_RHS = 1  # it returned a nonzero flag
+    NO_STOP = 0  # the loop goes on; as the result of a procedure: success
+    STOPPED_BY_RHS = 1  # the right-hand side returned a nonzero flag
     RHS_NOT_FINITE = 2
     STAGE_NOT_FINITE = 3  # the point at which the field was evaluated
     SOLUTION_NOT_FINITE = 4
@@ -32,9 +32,9 @@ class LoopStatus(IntEnum):
     TERMINAL_EVENT = 12
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
-    RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
+    RESTING_CONTACT = 15  # a jump leaves the event's function at zero, and f doesn't move it off
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
-    STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
+    STEP_TOO_LONG_FOR_EVENTS = 17  # the step rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
     FINISHED = 19  # at the end of the integration
     # requests of a trajectory

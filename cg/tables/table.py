@@ -76,10 +76,11 @@ class InterpolantScheme:
 class MethodTable:
     """A method as integrations read it.
 
-    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``:
-    coefficients at its stages, with the end where the error estimate needs it, or one register. Of
-    the step before it keeps ``kept_nodes``, coefficients at three stages or more that need no
-    point. Steps are proportional to errors to the power ``exponent``, 0 without estimates.
+    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``
+    vectors: coefficients at its stages, with the end where the error estimate needs it, and
+    brackets; or one register. Magnus methods of three nodes or more also keep ``kept_nodes``
+    vectors of the step before. Steps are proportional to errors to the power ``exponent``, 0
+    without estimates.
     """
 
     name: str
@@ -113,7 +114,7 @@ class MethodTable:
 
     @property
     def c(self) -> Array:
-        """The abscissae of the stages, with that of an end that error estimates need."""
+        """The abscissae of the stages, then 1 where error estimates need the end as a stage."""
         return self.arrays["c"]
 
     @cached_property

@@ -34,7 +34,9 @@ Matrix = NDArray[np.float64]
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
 _SHARE = Fraction(1, 5)  # estimate of a jump just after the last node, relative to its error
-_SIZE = 1 / 3  # size of `kink_weights` in third weights: errors of kinks are at most 34 estimates
+# sum of magnitudes of `kink_weights`, relative to that of the third weights: with a third, errors
+# of kinks are at most 34 estimates
+_SIZE = 1 / 3
 
 
 @dataclass(frozen=True)

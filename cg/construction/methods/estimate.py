@@ -1,4 +1,4 @@
-r"""How well the error estimate of a pair sees the error of its step.
+r"""Largest ratio of the error of a step to the error estimate of a pair.
 
 The test problem is a constant generator X with a perturbation, :math:`F(t) = X + ε (t/h)^j V` with
 :math:`\operatorname{ad}_X V = iφ V`: the step turns by φ radians. To first order in ε, a result

@@ -29,7 +29,7 @@ _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 _MIN_CENTRAL = 2e-3
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
-# relative distance of a zero from a bound at which it was found: a part of a step, at most the span
+# largest distance of an event from the bound that causes it, relative to its time or the span
 _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)

@@ -20,7 +20,7 @@ _ABSCISSA_ERROR = 1e-15  # largest rounding error of an abscissa
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of an integration: samples of one or of several rates."""
+    """The inputs of an integration: one curve through samples, or several with their own times."""
 
     curves: tuple[Samples, ...]
     in_tuple: bool  # whether functions get a tuple of values, as the user passed a tuple
