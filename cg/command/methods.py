@@ -69,8 +69,7 @@ def list_command(
         print_json([{**asdict(summary), "proved": proof} for summary, proof in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        rows = [_row(summary, proof) for summary, proof in selected]
-        print_text(align_columns([heads, *rows], left=3))
+        print_text(align_columns([heads, *(_row(*each) for each in selected)], left=3))
     else:
         print_text("no method of the catalogue matches these options")
     return 0 if selected else NEGATIVE

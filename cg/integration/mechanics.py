@@ -84,10 +84,17 @@ def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     return np.array([rhs.result(member, time, point) for member, time, point in calls])
 
 
-def check_thermostat(thermostat: Any, table: MethodTable, options: EnsembleOptions) -> None:
+def check_thermostat(
+    thermostat: Any, start: float, end: float, table: MethodTable, options: EnsembleOptions
+) -> None:
     """Raise TypeError or ValueError unless a thermostat fits the integration."""
     if not isinstance(thermostat, Langevin):
         raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(thermostat)}")
+    if end < start:
+        raise ValueError(
+            "thermostat must be None backward in time, where friction would drive momenta, got "
+            f"{thermostat!r}"
+        )
     if table.kind is not Kind.SPLITTING:
         raise ValueError(
             "method must be a splitting method with a thermostat, 'Leapfrog' or, with joints, "
@@ -102,15 +109,6 @@ def check_thermostat(thermostat: Any, table: MethodTable, options: EnsembleOptio
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
     if options["dense_output"]:
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
-
-
-def check_thermostat_span(thermostat: Any, start: float, end: float) -> None:
-    """Raise ValueError if time runs backward with a thermostat."""
-    if thermostat is not None and end < start:
-        raise ValueError(
-            "thermostat must be None backward in time, where friction would drive momenta, got "
-            f"{thermostat!r}"
-        )
 
 
 class MemberInertia(NamedTuple):

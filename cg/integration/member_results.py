@@ -150,8 +150,7 @@ class Collector:
             "_direction": problem.direction,
         }
         solution = filled(EnsembleSolution, fields)
-        split = problem.split_solution
-        return solution if split is None else split(problem, solution)
+        return problem.split_solution(problem, solution) if problem.split_solution else solution
 
 
 def split_events(indices: Any, values: Array, members: int, events: int) -> list[list[Array]]:

@@ -24,7 +24,6 @@ from cg.integration.heat_bath import Langevin
 from cg.integration.mechanics import (
     MemberInertia,
     check_thermostat,
-    check_thermostat_span,
     read_member_inertia,
     refuse_friction,
     step_function_of,
@@ -538,8 +537,7 @@ def make_problem(
     start, end = arguments.check_span(t_span)
     bound = end if bound is None else bound
     if options["thermostat"] is not None:
-        check_thermostat_span(options["thermostat"], start, bound)
-        check_thermostat(options["thermostat"], plan.table, options)
+        check_thermostat(options["thermostat"], start, bound, plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, end, members)
     rhs = _make_rhs(f, plan, options, parameters, inputs, ensemble)

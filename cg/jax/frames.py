@@ -134,9 +134,8 @@ def turning(frame: Frame, v: JaxArray) -> JaxArray:
         return jnp.stack([turning(factor, v[slot]) for factor, slot in factors]).max()
     if isinstance(frame, frames.Power):
         return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
-    is_quaternion = isinstance(frame, frames.UnitQuaternion)
-    group = frames.SO3() if is_quaternion else getattr(frame, "group", frame)
-    if not isinstance(group, frames.SO | frames.SU | frames.U):
+    group = getattr(frame, "group", frame)
+    if not isinstance(group, frames.SO | frames.SU | frames.U | frames.UnitQuaternion):
         return jnp.zeros((), v.dtype)
     factor = 2.0 if isinstance(group, frames.SO) and group.n > 3 else 1.0
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))

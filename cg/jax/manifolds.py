@@ -129,12 +129,10 @@ def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
     def sizes(y: JaxArray) -> JaxArray:
         return jnp.full(frame.n, jnp.sqrt(y @ y)).at[0].set(1.0)
 
-    def relative_error(y: JaxArray) -> JaxArray:
-        return jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1])
-
     return Rules(
-        frame, flow, same, log, make_series_dexpinv(frame), coefficients, sizes, relative_error
-    )
+        frame, flow, same, log, make_series_dexpinv(frame), coefficients, sizes,
+        relative_error=lambda y: jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1]),
+    )  # fmt: skip
 
 
 def _expm1_quotient(a: JaxArray) -> JaxArray:

@@ -91,9 +91,8 @@ class Rules:
         """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
         if self.log is not None:
             return self.log(y0, y1)
-        v = jnp.zeros(self.frame.dim, real_dtype(y0))
-        if self.first_coordinates is not None:
-            v = self.first_coordinates(y0, y1)
+        first = self.first_coordinates
+        v = first(y0, y1) if first else jnp.zeros(self.frame.dim, real_dtype(y0))
         for _ in range(_LOCAL_STEPS):
             y = self.flow(v, y0)
             v = v + self.coefficients(y, y1 - y)

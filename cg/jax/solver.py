@@ -20,14 +20,7 @@ from cg.jax.control import LastStep, error_estimate
 from cg.jax.frames import rules_of, turning
 from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
 from cg.jax.stages import Start, StepInterpolation, interpolant, interpolant_of_noise, take_stages
-from cg.jax.term import (
-    FrameTerm,
-    LinearTerm,
-    check_noise,
-    increments,
-    rules_in,
-    unwrapped,
-)
+from cg.jax.term import FrameTerm, LinearTerm, check_noise, increments, rules_in, unwrapped
 from cg.support.checks import check_flag, check_real
 from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table

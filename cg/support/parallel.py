@@ -381,9 +381,8 @@ def _with_picklable_errors(work: Callable[[Item], Result], item: Item) -> Result
         with single_threads():
             return work(item)
     except Exception as error:
-        if _is_picklable(error):
+        if _is_picklable(error):  # a process that sends another counts as dead
             raise
-        # a process that sends another error counts as dead in its pool
         kind = type(error)
         raise RuntimeError(f"{kind.__module__}.{kind.__qualname__}: {error}") from error
 

@@ -76,11 +76,10 @@ class InterpolantScheme:
 class MethodTable:
     """A method as integrations read it.
 
-    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``
-    vectors: coefficients at its stages, with the end where the error estimate needs it, and
-    brackets; or one register. Magnus methods of three nodes or more also keep ``kept_nodes``
-    vectors of the step before. Steps are proportional to errors to the power ``exponent``, 0
-    without estimates.
+    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``: one
+    register, or coefficients at its stages, with the end where the error estimate needs it, and
+    brackets. Magnus methods of three nodes or more also keep ``kept_nodes`` vectors of the step
+    before. Steps are proportional to errors to the power ``exponent``, 0 without estimates.
     """
 
     name: str

@@ -148,8 +148,7 @@ def load(path: str | PathLike[str]) -> Method:
 
     Examples
     --------
-    >>> import tempfile
-    >>> import crouch_grossman as cg
+    >>> import crouch_grossman as cg, tempfile
     >>> file = tempfile.mkdtemp() + "/mine.toml"
     >>> cg.save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), file)
     >>> cg.load(file)
@@ -266,8 +265,7 @@ def save(method: Method, path: str | PathLike[str]) -> None:
 
     Examples
     --------
-    >>> import tempfile
-    >>> import crouch_grossman as cg
+    >>> import crouch_grossman as cg, tempfile
     >>> cg.save(cg.methods["CG3"], tempfile.mkdtemp())
     """
     path = check_path(path)

@@ -34,9 +34,7 @@ Matrix = NDArray[np.float64]
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
 _SHARE = Fraction(1, 5)  # estimate of a jump just after the last node, relative to its error
-# sum of magnitudes of `kink_weights`, relative to that of the third weights: with a third, errors
-# of kinks are at most 34 estimates
-_SIZE = 1 / 3
+_SIZE = 1 / 3  # sum of magnitudes of `kink_weights`, relative to that of the third weights
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
     """Return the weights of stages for kinks in a pair with two more results, else None.
 
     They satisfy the conditions for commuting flows as the third result does; the sum of their
-    magnitudes is a third of the sum for the third weights.
+    magnitudes is a third of that of the third weights: errors of kinks are at most 34 estimates.
     """
     second, third = method.embedded_order, method.third_order
     if isinstance(method, MagnusMethod) or not method.explicit or second is None or third is None:

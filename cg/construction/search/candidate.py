@@ -77,8 +77,7 @@ class Candidate:
     def estimate_vanishes(self) -> bool:
         """Whether the error estimate of a pair is next to zero: both results have order q.
 
-        Equal stages lead to such pairs.
-        The size of the estimate is the norm of the residuals of order q of the second result.
+        Equal stages lead to it. Its size is the norm of the second result's residuals of order q.
         """
         layout, order = self.system.layout, self.system.order
         if not layout.pair:

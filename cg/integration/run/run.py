@@ -154,9 +154,7 @@ class Run:
         ``solver_size`` is the number of doubles that the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
-        interpolates = (
-            problem.dense_output or record.outputs or self._event_count or record.keep_last
-        )
+        interpolates = record.dense or record.outputs or self._event_count or record.keep_last
         if interpolates and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
         vectors = plan.step_table.kept_vectors + 4 * plan.step_table.kept_nodes
