@@ -243,7 +243,7 @@ def _times_of_arrays(coefficient: Any, tolerance: float) -> Array:
 
     Sums and products contain others, which are found as for a pickle.
     """
-    found, rest = [np.empty(0)], [coefficient]
+    times, rest = [np.empty(0)], [coefficient]
     while rest:
         item = rest.pop()
         if isinstance(item, tuple | list):
@@ -251,10 +251,10 @@ def _times_of_arrays(coefficient: Any, tolerance: float) -> Array:
         elif isinstance(item, Coefficient):
             _, arguments, *state = item.__reduce__()
             if isinstance(item, InterCoefficient):
-                found.append(_times(arguments[0], arguments[1], tolerance))
+                times.append(_times(arguments[0], arguments[1], tolerance))
             else:
                 rest += arguments, *state
-    return np.unique(np.concatenate(found))
+    return np.unique(np.concatenate(times))
 
 
 def _times(times: Array, pieces: Any, tolerance: float) -> Array:

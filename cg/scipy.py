@@ -63,11 +63,12 @@ def Solver(frame: Frame, method: str | PathLike[str] | HasTable = AUTO) -> type[
     --------
     >>> import numpy as np
     >>> from scipy.integrate import solve_ivp
-    >>> from cg.frames import UnitQuaternion
+    >>> import crouch_grossman as cg
     >>> def f(t, q):
     ...     x, y, z, w = q
     ...     return 0.5 * np.array([y * t + w, -x * t + z, w * t - y, -x - z * t])
-    >>> run = solve_ivp(f, (0, 20), [0, 0, 0, 1], method=Solver(UnitQuaternion()))
+    >>> method = cg.scipy.Solver(cg.frames.UnitQuaternion())
+    >>> run = solve_ivp(f, (0, 20), [0, 0, 0, 1], method=method)
     >>> bool(np.abs(np.linalg.norm(run.y, axis=0) - 1).max() < 1e-15)
     True
     """

@@ -12,7 +12,7 @@ from cg.support.parsing import visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-NO = 1  # exit code of a negative result
+NEGATIVE = 1  # exit code of a negative result
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
 output_option = click.option(
@@ -25,12 +25,12 @@ def count_option(name: str, help: str) -> Callable[[F], F]:
     return click.option(name, type=click.IntRange(1), metavar="N", help=help)
 
 
-def as_json(data: Any) -> None:
+def print_json(data: Any) -> None:
     """Print data as JSON."""
     click.echo(json.dumps(data, indent=2))
 
 
-def say(text: str) -> None:
+def print_text(text: str) -> None:
     """Print lines of text with all other control characters escaped."""
     click.echo("\n".join(map(visible, text.split("\n"))))
 

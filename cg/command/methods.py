@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from cg.command.arguments import (
-    NO,
-    as_json,
+    NEGATIVE,
     check_output,
     count_option,
     json_option,
     output_option,
-    say,
+    print_json,
+    print_text,
 )
 from cg.construction.catalogue import methods, resolve_method
 from cg.construction.catalogue.summary import MethodSummary, summary_of
@@ -66,13 +66,13 @@ def list_command(
     ]
     selected.sort(key=lambda each: (each[0].order, each[0].evaluations, each[0].flows))
     if in_json:
-        as_json([{**asdict(summary), "proved": proof} for summary, proof in selected])
+        print_json([{**asdict(summary), "proved": proof} for summary, proof in selected])
     elif selected:
         heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
-        say(align_columns([heads, *(_row(summary, proof) for summary, proof in selected)], left=3))
+        print_text(align_columns([heads, *(_row(*each) for each in selected)], left=3))
     else:
-        say("no method of the catalogue matches these options")
-    return 0 if selected else NO
+        print_text("no method of the catalogue matches these options")
+    return 0 if selected else NEGATIVE
 
 
 def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
@@ -106,20 +106,20 @@ def show_command(method: str, in_json: bool) -> None:
         "source": shown.source,
     }
     if in_json:
-        as_json({**facts, "method": json.loads(export(shown, "json"))})
+        print_json({**facts, "method": json.loads(export(shown, "json"))})
         return
     rows = [
         (key.replace("_", " "), visible(str(fact)))
         for key, fact in facts.items()
         if fact is not None
     ]
-    say(f"{align_columns(rows)}\n\n{draw_method(shown)}")
+    print_text(f"{align_columns(rows)}\n\n{draw_method(shown)}")
 
 
 def _certificate(method: Method) -> str | None:
     try:
         beside = certificate_beside(method)
-        if beside is not None:  # nothing of a file of the user's is believed
+        if beside is not None:  # a certificate of the user is proved before it is shown
             check(beside, method)
     except CertificationError as error:
         return f"proves nothing: {error}"

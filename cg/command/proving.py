@@ -6,13 +6,13 @@ from pathlib import Path
 import click
 
 from cg.command.arguments import (
-    NO,
-    as_json,
+    NEGATIVE,
     check_output,
     count_option,
     json_option,
     output_option,
-    say,
+    print_json,
+    print_text,
 )
 from cg.construction.catalogue import is_file, resolve_method
 from cg.construction.diagnosis import diagnose, diagnose_file
@@ -73,13 +73,13 @@ def certify_command(
             elif not again:
                 text = f"{certificate.dumps()}\n{text}"
         if not in_json:
-            say(text)
+            print_text(text)
     counts = Counter(entry["proved"] for entry in entries)
     if in_json:
-        as_json(entries if again else entries[0])
+        print_json(entries if again else entries[0])
     elif again:
-        say(f"{counts['yes']} proved, {counts['in part']} in part, {counts['no']} not")
-    return NO if counts["no"] else 0
+        print_text(f"{counts['yes']} proved, {counts['in part']} in part, {counts['no']} not")
+    return NEGATIVE if counts["no"] else 0
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
@@ -109,9 +109,9 @@ def check_command(method: str, order: int | None, in_json: bool) -> int:
     reached = max(diagnosis.order, diagnosis.method.order)
     too_low = order is not None and reached < order
     if in_json:
-        as_json(diagnosis.as_dict())
+        print_json(diagnosis.as_dict())
     else:
-        say(str(diagnosis))
+        print_text(str(diagnosis))
         if too_low:
-            say(f"the order is {reached}, less than {order}")
-    return NO if too_low or diagnosis.mistakes else 0
+            print_text(f"the order is {reached}, less than {order}")
+    return NEGATIVE if too_low or diagnosis.mistakes else 0

@@ -8,7 +8,7 @@ from typing import Any
 import click
 from click import Option
 
-from cg.command.arguments import NO, as_json, check_output, json_option, say
+from cg.command.arguments import NEGATIVE, check_output, json_option, print_json, print_text
 from cg.construction.catalogue import dumps, resolve_method, save
 from cg.construction.formats import export
 from cg.construction.layouts import Rows
@@ -185,7 +185,7 @@ def _finish(methods: Sequence[Method], text: str, output: Path | None, in_json: 
         for method in methods:
             save(method, output)
     if in_json:
-        as_json([json.loads(export(method, "json")) for method in methods])
+        print_json([json.loads(export(method, "json")) for method in methods])
     else:
-        say(text)
-    return 0 if methods else NO
+        print_text(text)
+    return 0 if methods else NEGATIVE

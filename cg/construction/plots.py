@@ -34,7 +34,7 @@ _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 
 _NODE = "●"
-_DIGITS = 6  # of coefficients as text
+_DIGITS = 6  # digits of coefficients in texts
 _MAX_DENOMINATOR_BITS = 128  # largest denominator; longer fractions are shown as decimals
 
 

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.blocks import Blocks, dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
-from cg.support.shared_numbers import COMMUTE, BlockKind, BlockOption
+from cg.support.shared_numbers import COMMUTING_ROUNDINGS, BlockKind, BlockOption
 
 # Largest dimension for which brackets by structure constants are faster than products of matrices.
 MAX_CONSTANTS = 16
@@ -85,7 +85,8 @@ def _growth(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the growth factor of high powers of `adjoint` on ``v``, and whether they commute."""
     size = partial(np.linalg.vector_norm, axis=tuple(range(-axes, 0)), keepdims=True)
-    rounding = COMMUTE * np.finfo(np.float64).eps * bound.reshape(*bound.shape, *[1] * axes)
+    rounding = COMMUTING_ROUNDINGS * np.finfo(np.float64).eps * bound
+    rounding = rounding.reshape(*bound.shape, *[1] * axes)
     power = v / np.maximum(size(v), _MIN_SIZE)
     factors = []
     for _ in range(POWERS):
@@ -134,8 +135,8 @@ class FieldAlgebra(ABC):
 
         Examples
         --------
-        >>> from cg.frames import SO3
-        >>> SO3("space").bracket([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        >>> import crouch_grossman as cg
+        >>> cg.frames.SO3("space").bracket([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         array([0., 0., 1.])
         """
         return self._bracket(self._vectors(u, "u"), self._vectors(v))

@@ -26,7 +26,7 @@ from cg.support.checks import check_integer, short
 NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
-_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # steps towards a mean, and the last one, which is rounding
+_MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # most steps towards a mean, largest last step of rounding
 _DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
 _DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
@@ -37,10 +37,10 @@ class FlowOverflowError(OverflowError):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import SL
+    >>> import crouch_grossman as cg
     >>> try:
-    ...     SL(2).flow([1e14, 0.0, 0.0], np.eye(2))
-    ... except FlowOverflowError as error:
+    ...     cg.frames.SL(2).flow([1e14, 0.0, 0.0], np.eye(2))
+    ... except cg.frames.FlowOverflowError as error:
     ...     print(str(error).partition(":")[0])
     the flow of v with |v| = 1e+14 can't be computed in double precision
     """
@@ -75,8 +75,8 @@ class Frame(Manifold, FieldAlgebra):
     The members that all frames have, here of unit quaternions:
 
     >>> import numpy as np
-    >>> from cg.frames import UnitQuaternion
-    >>> frame = UnitQuaternion()
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.UnitQuaternion()
     >>> frame.dim, frame.point_shape
     (3, (4,))
     >>> y = frame.random_point(np.random.default_rng(0))
@@ -142,8 +142,8 @@ class Frame(Manifold, FieldAlgebra):
         --------
         The angular velocity of a quaternion:
 
-        >>> from cg.frames import UnitQuaternion
-        >>> UnitQuaternion().coefficients([0, 0, 0, 1], [0, 0, 0.5, 0])
+        >>> import crouch_grossman as cg
+        >>> cg.frames.UnitQuaternion().coefficients([0, 0, 0, 1], [0, 0, 0.5, 0])
         array([0., 0., 1.])
         """
         v, dropped = self._coefficients(self._points(y), self._points(dy, "dy"))

@@ -60,14 +60,14 @@ def check(
     A flow with the wrong sign, which an integration would not reveal:
 
     >>> import numpy as np
-    >>> from cg.frames import FieldFrame, check
-    >>> frame = FieldFrame(
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.FieldFrame(
     ...     [lambda y: np.array([y[0], -y[1]])],
     ...     lambda v, y: np.array([y[0] * np.exp(-v[0]), y[1] * np.exp(v[0])]),
     ...     point_shape=2,
     ... )
     >>> try:
-    ...     check(frame)
+    ...     cg.frames.check(frame)
     ... except ValueError as error:
     ...     print(str(error).partition(" (")[0])
     frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)

@@ -55,8 +55,8 @@ class CoadjointOrbit(Frame):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import SO3, hat
-    >>> frame = CoadjointOrbit(SO3(), (2.0, 0.0, 0.0))
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.CoadjointOrbit(cg.frames.SO3(), (2.0, 0.0, 0.0))
     >>> frame.flow([0.0, 0.0, np.pi / 2], [2.0, 0.0, 0.0]).round(15) + 0.0
     array([ 0., -2.,  0.])
     """

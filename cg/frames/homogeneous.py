@@ -45,9 +45,9 @@ class HomogeneousSpace(Frame):
     Symmetric matrices with the action of rotations by conjugation:
 
     >>> import numpy as np
-    >>> from cg.frames import SO, check
-    >>> class Symmetric(HomogeneousSpace):
-    ...     group = SO(3, "space")
+    >>> import crouch_grossman as cg
+    >>> class Symmetric(cg.frames.HomogeneousSpace):
+    ...     group = cg.frames.SO(3, "space")
     ...     point_shape = (3, 3)
     ...
     ...     def _act(self, x, y):
@@ -65,7 +65,7 @@ class HomogeneousSpace(Frame):
     ...     def random_point(self, rng, size=()):
     ...         return self.restore(rng.standard_normal((*np.atleast_1d(size).astype(int), 3, 3)))
     >>> space = Symmetric()
-    >>> check(space)
+    >>> cg.frames.check(space)
     >>> space.flow([np.pi / 2, 0.0, 0.0], np.diag([1.0, 2.0, 3.0])).diagonal().round(12)
     array([1., 3., 2.])
     """

@@ -44,14 +44,14 @@ class Body:
         """Whether the flow of the gyroscopic force commutes with free motion."""
         if self.top is None or self.gyroscopic is None:
             return True
-        inverse = times(np.eye(3), self.inverse)
+        inverse = rows_times(np.eye(3), self.inverse)
         axis = inverse @ vee(self.gyroscopic)
         commutator = inverse @ hat(axis) - hat(axis) @ inverse
         scale = np.abs(inverse).max() * np.abs(axis).max()
         return bool(np.abs(commutator).max() <= _COMMUTATOR * scale)
 
 
-def times(rows: Array, matrix: Array) -> Array:
+def rows_times(rows: Array, matrix: Array) -> Array:
     """Return rows times a matrix, of shape ``(n, 1)`` if it is diagonal."""
     return np.asarray(rows * matrix[:, 0] if matrix.shape[1] == 1 else rows @ matrix)
 

@@ -14,7 +14,7 @@ from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.frames.blocks import describe_blocks
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import times
+from cg.frames.inertia import rows_times
 from cg.frames.product import Power, Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SO3
@@ -213,7 +213,7 @@ class Linkage:
                     f"attitudes and positions in space of {frame.configuration!r}, got "
                     f"{joint.bodies}"
                 )
-        # rows of bodies that follow each other follow each other too: see joints.f90
+        # sorted so that rows of neighbouring bodies are neighbours, as joints.f90 needs
         order = sorted(range(len(joints)), key=lambda k: sorted(joints[k].bodies)[::-1])
         rows = [(k, *row) for k in order for row in joints[k].rows()]
         joint_of_row, integers, numbers = ([row[i] for row in rows] for i in range(3))
@@ -248,8 +248,8 @@ class Linkage:
     def errors(self, y: Array, relative: bool = False) -> Array:
         """Return the values of constraints and their derivatives by time, shape ``(..., 2 m)``.
 
-        If ``relative``, in the sizes of the terms of which they are sums; of bodies that hardly
-        move in those of the constraints, in a unit of time.
+        If ``relative``, both are divided by the sizes of the terms of which they are sums; rates of
+        bodies that hardly move by the sizes of the constraints, per unit of time.
         """
         values, rates, sizes, rate_sizes = np.zeros((4, y.size // y.shape[-1], self.count))
         self._call("joints_errors", _rows(y), values, rates, sizes, rate_sizes)
@@ -286,7 +286,7 @@ class Linkage:
         points = np.tile(y, (dim, 1))
         points[:, -dim:] = np.eye(dim)
         rates = self.errors(points)[:, self.count :].T  # G J⁻¹, by unit momenta
-        scaled = [times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
+        scaled = [rows_times(rates[:, body.vectors], body.root) for body in self._frame._bodies]
         matrix = np.sum([rows @ rows.T for rows in scaled], axis=0)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
         matrix /= scale * scale[:, None]
@@ -404,9 +404,9 @@ class Linkage:
     def _evaluate(self) -> Callable[[int, Array, Array], Array]:
         """The function that compiled code calls for constraints of one's own.
 
-        It gets 0 for values, 1 for derivatives with them, or 2 and velocities for second
-        derivatives too; and the doubles of a configuration. Before the derivatives are the sums of
-        their terms, times `_reach` and without it.
+        Its arguments are a depth and the doubles of a configuration. At depth 0 it returns values;
+        at 1 also the sums of the derivatives' magnitudes, times `_reach` and without it, then the
+        derivatives; at 2, which velocities follow, also second derivatives.
         """
         this = weakref.ref(self)
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
-from cg.support.checks import check_real
+from cg.support.arrays import Array, Points, Size, complex_array, is_array, real_array
+from cg.support.checks import check_name, check_real
 
 FLOAT64 = np.dtype(np.float64)
 MEMBERSHIP_TOLERANCE = 1e-8
-_PROJECTABLE = 10.0  # error of points of which messages say that they may be projected
+_PROJECTABLE = 10.0  # largest error of a point for which a message suggests `project`
 
 
 class Manifold(ABC):
@@ -43,7 +43,7 @@ class Manifold(ABC):
         return self.membership_error(y)
 
     def state_error(self, y: ArrayLike) -> Array:
-        """Return the relative error of points that are states, as far as states have conditions."""
+        """Return the relative error of points, and of the conditions that `PhaseSpace` adds."""
         return self.relative_error(y)
 
     def project(self, y: ArrayLike) -> Points:
@@ -132,7 +132,7 @@ class Manifold(ABC):
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
             why = self._reason(point)
-            if not why and error < _PROJECTABLE:  # else it isn't this point that was meant
+            if not why and error < _PROJECTABLE:  # a point farther away is probably another mistake
                 why = self._projection_hint(point, name)
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "

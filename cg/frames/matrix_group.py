@@ -90,9 +90,9 @@ class MatrixGroup(Frame):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import SU
-    >>> group = SU(2)
-    >>> isinstance(group, MatrixGroup), group.dim, group.size
+    >>> import crouch_grossman as cg
+    >>> group = cg.frames.SU(2)
+    >>> isinstance(group, cg.frames.MatrixGroup), group.dim, group.size
     (True, 3, 2)
     >>> group.algebra([0.0, 0.0, 1.0])
     array([[0.-0.5j, 0.+0.j ],

@@ -35,7 +35,7 @@ class UnitVectors(Frame):
 
 
 class OrthonormalColumns(Frame):
-    """A frame on matrices of orthonormal columns, square ones with any determinant or with 1."""
+    """A frame on matrices with orthonormal columns; if `_special`, square with determinant 1."""
 
     _special: ClassVar[bool] = False
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
-from cg.frames.inertia import Body, Inertia, compiled_bodies, hashable, read_inertia, times
+from cg.frames.inertia import Body, Inertia, compiled_bodies, hashable, read_inertia, rows_times
 from cg.frames.joints import Joint, Linkage, read_constraints, read_joints
 from cg.frames.product import Product
 from cg.support.arrays import Array, Points, Size, check_random, real_array
@@ -112,8 +112,8 @@ class PhaseSpace(Product):
     axis of the body.
 
     >>> import numpy as np
-    >>> from cg.frames import SO3
-    >>> frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.PhaseSpace(cg.frames.SO3(), inertia=[1.0, 1.6, 2.3])
     >>> def f(t, y):
     ...     q, momentum = frame.split(y)
     ...     return np.cross(q[2], [0.0, 0.0, -1.0])
@@ -283,8 +283,8 @@ class PhaseSpace(Product):
         ValueError
             If the last axis of ``y`` hasn't the length of a point.
         """
-        momentum = self._points(y)[..., self._point_slices[1]]
-        velocities = [times(momentum[..., body.vectors], body.inverse) for body in self._bodies]
+        momentum, bodies = self._points(y)[..., self._point_slices[1]], self._bodies
+        velocities = [rows_times(momentum[..., body.vectors], body.inverse) for body in bodies]
         return np.concatenate(velocities, axis=-1)
 
     def kinetic_energy(self, y: ArrayLike) -> Array:
@@ -323,7 +323,7 @@ class PhaseSpace(Product):
         xi = np.sqrt(temperature) * rng.standard_normal((*lead, self.configuration.dim))
         for body in self._bodies:
             root = body.root if body.root.shape[1] == 1 else body.root.T
-            xi[..., body.vectors] = times(xi[..., body.vectors], root)
+            xi[..., body.vectors] = rows_times(xi[..., body.vectors], root)
         return self.join(q, xi)[..., self._point_slices[1]]
 
     @property

@@ -118,8 +118,8 @@ class Product(Composite):
 
     Examples
     --------
-    >>> from cg.frames import SO3, Euclidean
-    >>> frame = Product(SO3(), Euclidean(3))
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.Product(cg.frames.SO3(), cg.frames.Euclidean(3))
     >>> frame.dim, frame.point_shape
     (6, (12,))
     """
@@ -287,8 +287,8 @@ class Power(Composite):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import Sphere
-    >>> spins = Power(Sphere(2), 100)
+    >>> import crouch_grossman as cg
+    >>> spins = cg.frames.Power(cg.frames.Sphere(2), 100)
     >>> spins.dim, spins.point_shape
     (300, (100, 3))
     >>> y = np.tile([0.0, 0.0, 1.0], (100, 1))

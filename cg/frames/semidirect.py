@@ -45,8 +45,8 @@ class Semidirect(MatrixGroup):
     Examples
     --------
     >>> import numpy as np
-    >>> from cg.frames import SL
-    >>> frame = Semidirect(SL(2))
+    >>> import crouch_grossman as cg
+    >>> frame = cg.frames.Semidirect(cg.frames.SL(2))
     >>> frame.dim, frame.point_shape
     (5, (3, 3))
     """

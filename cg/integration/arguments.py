@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from cg import _core_r64 as core
 from cg.frames.base import Frame
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array, texts_of
-from cg.support.checks import check_number, short, warn_user
+from cg.support.arrays import Array, Points, check_finite, clipped, is_array, real_array
+from cg.support.checks import check_number, short, texts_of, warn_user
 from cg.support.shared_numbers import StageLimit
 
 DEFAULT_MAX_STEPS = 10**6

@@ -142,9 +142,9 @@ def solve_linear_ensemble(
     Spins with different detunings:
 
     >>> import numpy as np
-    >>> from cg.frames import SU
-    >>> solution = solve_linear_ensemble(
-    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=SU(2),
+    >>> import crouch_grossman as cg
+    >>> solution = cg.solve_linear_ensemble(
+    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=cg.frames.SU(2),
     ...     parameters=[[0.0], [1.0]], rtol=1e-9, atol=1e-9,
     ... )
     >>> abs(solution.y[-1, :, 1, 0]).round(6)
@@ -205,25 +205,25 @@ def solve_members(
     else:
         whole = problem
     members = len(problem.points)
-    if out is not None and problem.finish is not None:
+    if out is not None and problem.split_solution is not None:
         raise ValueError(f"out must be None with derivatives, got {type(out).__name__}")
     check_output_size(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common_steps:
         raise ValueError("executor and workers must be None with common_steps")
     collector = Collector(problem, out)
-    watch = Progress(options["progress"], problem.t0, problem.t1, members)
+    progress = Progress(options["progress"], problem.t0, problem.t1, members)
     if distributed:
-        _distribute(whole, chunk_options, *check_executor(executor, workers), collector, watch)
+        _distribute(whole, chunk_options, *check_executor(executor, workers), collector, progress)
     else:
         size = members if problem.common_steps else 1 if whole.one_by_one else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 chunk = slice(first, min(first + size, members))
                 own = add_derivatives(whole.of_members(chunk), chunk_options)
-                collector.add(chunk, integrate_members(own, watch))
-                watch.count_finished(chunk.stop - first)
-    watch.finish()
+                collector.add(chunk, integrate_members(own, progress))
+                progress.count_finished(chunk.stop - first)
+    progress.finish()
     solution = collector.solution()
     for text in dict.fromkeys(collector.results().warnings):
         warn_user(text)
@@ -239,7 +239,7 @@ def _integrate_chunk(options: Any, item: tuple[slice, Problem]) -> MemberResults
 
 def _distribute(
     problem: Problem, options: Any, executor: Any, workers: Any, collector: Collector,
-    watch: Progress,
+    progress: Progress,
 ) -> None:  # fmt: skip
     """Integrate members on an executor, in chunks whose sizes depend on no measured time."""
     members, chunk_count = len(problem.points), count_workers(executor, workers)
@@ -251,5 +251,5 @@ def _distribute(
     with closing(completed(work, items, executor, workers)) as finished:
         for (chunk, _), results in finished:
             collector.add(chunk, results)
-            watch.count_finished(chunk.stop - chunk.start)
-            watch.update(0.0)
+            progress.count_finished(chunk.stop - chunk.start)
+            progress.update(0.0)

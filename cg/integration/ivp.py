@@ -275,10 +275,11 @@ def solve_linear(
     A driven two-level system:
 
     >>> import numpy as np
-    >>> from cg.frames import SU
+    >>> import crouch_grossman as cg
     >>> def f(t):  # a spin in a constant field and one that rotates in resonance with it
     ...     return [0.5 * np.cos(4 * t), 0.5 * np.sin(4 * t), 4.0]
-    >>> solution = solve_linear(f, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
+    >>> frame = cg.frames.SU(2)
+    >>> solution = cg.solve_linear(f, (0, np.pi), np.eye(2), frame=frame, rtol=1e-10, atol=1e-10)
     >>> solution.success, abs(solution.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
@@ -384,11 +385,10 @@ def integrate(
     A rotation about a fixed body axis is solved exactly by any method.
 
     >>> import numpy as np
-    >>> from cg.frames import SO3
-    >>> from cg.integration import integrate
+    >>> import crouch_grossman as cg
     >>> turn = lambda t, y: [0.0, 0.0, np.pi / 2]
-    >>> solution = integrate(turn, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.25)
-    >>> solution.y[-1].round(12)[:, 0]
+    >>> run = cg.integrate(turn, (0, 1), np.eye(3), frame=cg.frames.SO3(), method="CG3", h=0.25)
+    >>> run.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
     all_options = complete_options(integrate, options)
@@ -402,12 +402,12 @@ def integrate(
 
 def solve_one(problem: Problem, options: Options) -> Solution:
     """Integrate one point."""
-    problem, progress = add_derivatives(problem, options), options["progress"]
-    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
+    problem, function = add_derivatives(problem, options), options["progress"]
+    progress = None if function is None else Progress(function, problem.t0, problem.t1)
     check_output_size(problem)
-    results = integrate_members(problem, watch)
-    if watch is not None:
-        watch.finish()
+    results = integrate_members(problem, progress)
+    if progress is not None:
+        progress.finish()
     solution = solution_of(problem, results)
     for text in results.warnings:
         warn_user(text)

@@ -84,16 +84,23 @@ def _forces(rhs: Rhs, t: Array, members: NDArray[np.intp], y: Points) -> Array:
     return np.array([rhs.result(member, time, point) for member, time, point in calls])
 
 
-def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) -> None:
-    """Raise TypeError or ValueError unless a heat bath fits the integration."""
-    if not isinstance(bath, Langevin):
-        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(bath)}")
+def check_thermostat(
+    thermostat: Any, start: float, end: float, table: MethodTable, options: EnsembleOptions
+) -> None:
+    """Raise TypeError or ValueError unless a thermostat fits the integration."""
+    if not isinstance(thermostat, Langevin):
+        raise TypeError(f"thermostat must be a cg.Langevin or None, got {short(thermostat)}")
+    if end < start:
+        raise ValueError(
+            "thermostat must be None backward in time, where friction would drive momenta, got "
+            f"{thermostat!r}"
+        )
     if table.kind is not Kind.SPLITTING:
         raise ValueError(
             "method must be a splitting method with a thermostat, 'Leapfrog' or, with joints, "
             f"'RATTLE', since others have no part of a step that is noise alone, got {table!r}"
         )
-    if not is_symmetric(table):
+    if not table.symmetric:
         raise ValueError(
             "method must be symmetric with a thermostat, whose noise is in the middle of a step, "
             f"got {table!r}"
@@ -102,23 +109,6 @@ def check_thermostat(bath: Any, table: MethodTable, options: EnsembleOptions) ->
         raise ValueError("thermostat must be None with derivatives, which the noise doesn't have")
     if options["dense_output"]:
         raise ValueError("dense_output must be False with a thermostat: paths aren't smooth")
-
-
-def check_heated_span(bath: Any, start: float, end: float) -> None:
-    """Raise ValueError if time runs backward with a heat bath."""
-    if bath is not None and end < start:
-        raise ValueError(
-            "thermostat must be None backward in time, where friction would drive momenta, got "
-            f"{bath!r}"
-        )
-
-
-def is_symmetric(table: MethodTable) -> bool:
-    """Return whether a splitting method is symmetric."""
-    drifts, kicks = table.arrays["drifts"], table.arrays["weight"]
-    if len(drifts) == len(kicks):
-        drifts = np.append(0.0, drifts)
-    return all(np.allclose(x, x[::-1], rtol=0.0, atol=1e-12) for x in (drifts, kicks))
 
 
 class MemberInertia(NamedTuple):
@@ -184,7 +174,7 @@ def step_function_of(
     function = options["step_function"]
     if function is None:
         return None
-    if plan.table.kind is not Kind.SPLITTING or not is_symmetric(plan.table):
+    if plan.table.kind is not Kind.SPLITTING or not plan.table.symmetric:
         raise ValueError(
             "method must be a symmetric splitting method with a step_function, whose steps can be "
             f"reversed, got {plan.table!r}"

@@ -150,7 +150,7 @@ class Collector:
             "_direction": problem.direction,
         }
         solution = filled(EnsembleSolution, fields)
-        return solution if problem.finish is None else problem.finish(problem, solution)
+        return problem.split_solution(problem, solution) if problem.split_solution else solution
 
 
 def split_events(indices: Any, values: Array, members: int, events: int) -> list[list[Array]]:
@@ -169,7 +169,7 @@ def _by_key(keys: Any, values: Array, count: int) -> list[Array]:
 
 def solution_of(problem: Problem, results: MemberResults) -> Solution:
     """Return the solution of a problem of one point."""
-    if problem.events is not None or problem.dense_output or problem.finish is not None:
+    if problem.events is not None or problem.dense_output or problem.split_solution is not None:
         collector = Collector(problem, None)
         collector.add(slice(0, 1), results)
         solution = collector.solution()[0]

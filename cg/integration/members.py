@@ -15,7 +15,7 @@ from cg.integration.problem import Problem
 from cg.integration.run.drive import Progress, drive
 from cg.integration.run.failures import failures_of, warnings_of
 from cg.integration.run.run import Run
-from cg.support.checks import total_memory
+from cg.support.memory import total_memory
 from cg.support.shared_numbers import LoopStatus
 
 _TERMINAL = int(LoopStatus.TERMINAL_EVENT)
@@ -49,7 +49,7 @@ def check_output_size(problem: Problem) -> None:
         )
 
 
-def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults:
+def integrate_members(problem: Problem, progress: Progress | None) -> MemberResults:
     """Integrate members in this thread."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
     y, observed = None, None
@@ -60,7 +60,7 @@ def integrate_members(problem: Problem, watch: Progress | None) -> MemberResults
             observed = np.full((len(times), members, problem.observer.count), math.nan)
     run = Run(problem, y=y, observed=observed)
     texts: list[str] = []
-    drive(run, None if watch is None else watch.update, texts.append)
+    drive(run, None if progress is None else progress.update, texts.append)
     messages, status = failures_of(run, not problem.ensemble), np.zeros(members, dtype=np.int64)
     if messages:
         status[list(messages)] = -1

@@ -139,12 +139,12 @@ def expand_options(**defaults: Any) -> Callable[[Decorated], Decorated]:
             )
             for name, annotation in kind.__annotations__.items()
         ]
-        changed: Any = function
-        changed.options, changed.required = options, set(defaults)
-        changed.complete = _DEFAULTS | options  # with options of other functions
-        changed.__signature__ = signature.replace(parameters=parameters)
+        target: Any = function
+        target.options, target.required = options, set(defaults)
+        target.complete = _DEFAULTS | options  # with options of other functions
+        target.__signature__ = signature.replace(parameters=parameters)
         # a misspelt keyword gets its better message before a missing frame gets one
-        changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}
+        target.__kwdefaults__ = {"frame": None, **(target.__kwdefaults__ or {})}
         return function
 
     return expand

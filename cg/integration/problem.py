@@ -23,7 +23,6 @@ from cg.integration.default_method import AUTO, choose_method
 from cg.integration.heat_bath import Langevin
 from cg.integration.mechanics import (
     MemberInertia,
-    check_heated_span,
     check_thermostat,
     read_member_inertia,
     refuse_friction,
@@ -31,7 +30,6 @@ from cg.integration.mechanics import (
 )
 from cg.integration.options import EnsembleOptions
 from cg.integration.output.solutions import EnsembleSolution, Solution
-from cg.integration.plan.callbacks import Jacobian, jacobian_of
 from cg.integration.plan.plan import Plan, plan_of
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.events import EventTable, Observer, observer_of
@@ -44,9 +42,17 @@ from cg.integration.rhs.inputs import (
     check_inputs,
     check_member_inputs,
 )
-from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_choice, check_count, check_real, short, warn_user
+from cg.integration.rhs.python import Jacobian, PythonRhs, Rhs, jacobian_of
+from cg.support.arrays import Array, Points, read_only
+from cg.support.checks import (
+    NO_LIMIT,
+    check_choice,
+    check_count,
+    check_real,
+    short,
+    texts_of,
+    warn_user,
+)
 from cg.support.frozen import changed, filled
 from cg.tables import Kind, MethodTable, table_of
 
@@ -107,7 +113,7 @@ class Problem:
     dense_output: bool  # whether to store interpolants
     observer: Observer | None
     # splits points that hold derivatives into the points and derivatives of a solution
-    finish: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
+    split_solution: Callable[[Problem, EnsembleSolution], EnsembleSolution] | None = None
     with_gradients: Callable[[Solution], Solution] | None = None  # adds gradients by the adjoint
 
     @property
@@ -154,7 +160,7 @@ class Problem:
         return changed(
             self, plan=plan, points=self.points[members], rhs=rhs, events=events,
             first_member=first, inertia=inertia, segment_ends=ends, limits=limits,
-            member_inputs=(), finish=None,
+            member_inputs=(), split_solution=None,
         )  # fmt: skip
 
     def arguments(self, member: int) -> tuple[Any, ...]:
@@ -531,8 +537,7 @@ def make_problem(
     start, end = arguments.check_span(t_span)
     bound = end if bound is None else bound
     if options["thermostat"] is not None:
-        check_heated_span(options["thermostat"], start, bound)
-        check_thermostat(options["thermostat"], plan.table, options)
+        check_thermostat(options["thermostat"], start, bound, plan.table, options)
     members = len(points) if ensemble else None
     inputs, member_inputs = _read_inputs(plan, options, start, end, members)
     rhs = _make_rhs(f, plan, options, parameters, inputs, ensemble)

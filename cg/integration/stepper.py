@@ -36,8 +36,8 @@ from cg.integration.rhs.samples import Samples
 from cg.integration.run.drive import StepBudget
 from cg.integration.run.failures import dropped_parts, failures_of
 from cg.integration.run.run import Run
-from cg.support.arrays import Array, Points, check_finite, read_only, texts_of
-from cg.support.checks import NO_LIMIT, check_real, short, warn_user
+from cg.support.arrays import Array, Points, check_finite, read_only
+from cg.support.checks import NO_LIMIT, check_real, short, texts_of, warn_user
 from cg.support.frozen import changed
 from cg.support.shared_numbers import STEP_CONTROL, EventColumn, InterpolantColumn, LoopStatus
 from cg.support.shared_records import COUNTERS, COUNTS
@@ -165,7 +165,7 @@ class Stepper:
         self._find_segments(problem.rhs.extra.inputs, start)
         self.status = "running" if start != bound else "finished"
         self._calls = 0
-        self._cut_output: DenseOutput | None = None  # within a step that an event ended
+        self._event_output: DenseOutput | None = None  # within a step that an event ended
         self._open()
         self._begin(start, self._run.end, self._first_step, self._stopped)
 
@@ -275,7 +275,7 @@ class Stepper:
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
-        return self._drive(self._take_step, target)
+        return self._run_to(self._take_step, target)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time, or to a terminal event.
@@ -301,7 +301,7 @@ class Stepper:
         if target == self.t:
             return None
         self._check_running()
-        message = self._drive(self._take_steps, target)
+        message = self._run_to(self._take_steps, target)
         return TERMINAL_EVENT if message is None and self.t != target else message
 
     def _check_time(self, t: float, name: str, start: float) -> float:
@@ -359,7 +359,7 @@ class Stepper:
         if first_step is None and t is None and replaced and self.status != "failed":
             size = STEP_CONTROL["proposed_for_point" if same_f else "proposed_for_f"]
         self._replace_data(time, rows, args, parameters, inputs)
-        self._cut_output = None
+        self._event_output = None
         if t is not None or inputs is not None:
             self._find_segments(run.rhs.extra.inputs, time)
         goes_on = t is not None or y is not None
@@ -385,7 +385,7 @@ class Stepper:
         if not (self._has_step and shared) or self._overwritten:
             shared_by_all = " that all members share" * self._ensemble
             raise RuntimeError(f"dense_output must come after a step{shared_by_all}")
-        return self._cut_output or self._interpolate()
+        return self._event_output or self._interpolate()
 
     def _replace_data(
         self, t: float, rows: Array, args: Any, parameters: ArrayLike | None, inputs: Any
@@ -425,7 +425,7 @@ class Stepper:
             ends = inputs.add_corners(ends, t, control.tolerance)
         self._segment_ends, self._end = ends[:-1], end
 
-    def _go_on(self, target: float) -> None:
+    def _resume(self, target: float) -> None:
         """Let all trajectories continue up to a time, by the ends of segments before it.
 
         An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step. One at
@@ -443,15 +443,15 @@ class Stepper:
         run.resume(ends)
         self._target = target
 
-    def _drive(self, take_steps: Callable[[], str | None], target: float) -> str | None:
+    def _run_to(self, take_steps: Callable[[], str | None], target: float) -> str | None:
         """Take steps towards a time; return a message if that failed.
 
         After a failure an ensemble returns to the time before, since some members are ahead.
         """
         run = self._run
         if target != self._target:
-            self._go_on(target)
-        self._cut_output, self._overwritten, self.status = None, False, "running"
+            self._resume(target)
+        self._event_output, self._overwritten, self.status = None, False, "running"
         start = (run.end.copy(), self._first_step, self._stopped) if self._ensemble else None
         calls = len(run.events_of_calls)
         complete = False
@@ -473,7 +473,7 @@ class Stepper:
                     del run.events_of_calls[calls:]
                     self._begin(self.t, *start)
         if complete:
-            self._arrive()
+            self._finish_steps()
         return message
 
     def _take_step(self) -> str | None:
@@ -497,7 +497,7 @@ class Stepper:
                 return self._fail()
         return None
 
-    def _arrive(self) -> None:
+    def _finish_steps(self) -> None:
         """Set time and status after complete steps."""
         run, table = self._run, self._problem.events
         stopped = table is not None and bool((run.status == _TERMINAL).all())
@@ -508,7 +508,7 @@ class Stepper:
             rows = run.events_of_calls[-1]
             last = rows[rows[:, EventColumn.TIME] == self.t, EventColumn.NUMBER].astype(int) - 1
             if len(last) and (stopped or table.rows["jumps"][last].any()):
-                self._cut_output = self._interpolate()
+                self._event_output = self._interpolate()
         if self.t == self.t_bound:
             self.status = "finished"
         elif stopped:

@@ -19,14 +19,14 @@ import jax
 import jax.numpy as jnp
 from numpy.typing import ArrayLike
 
-from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
-from cg.jax.frames import rules_of
+from cg.frames import Frame
+from cg.jax.frames import rules_of, turning
 from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
 from cg.support.checks import check_real
 from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL, EstimateForm
-from cg.tables import MAX_ANGLE, MethodTable
+from cg.tables import MethodTable
 
 _CONTROL, _ESTIMATE = SimpleNamespace(**STEP_CONTROL), SimpleNamespace(**ERROR_ESTIMATE)
 _MAX_FAILURES = 40  # failed steps in succession: at time zero no size is below the least step
@@ -325,17 +325,16 @@ def error_estimate(
             last_step.h == 0.0, jnp.sqrt(sizes.reshape(len(sizes), -1).sum(1).max()), jnp.inf
         )
         error = _magnus_error(table, parts, nodes, change, variation)
-    angle = turning(rules.frame, h * values[0])
-
+    too_large = turning(rules.frame, h * values[0]) > _ESTIMATE.max_angle
     return jax.lax.cond(
-        angle > MAX_ANGLE, lambda: _at_large_angle(rules, changes, y1, error), lambda: error
+        too_large, lambda: _at_large_angle(rules, changes, y1, error), lambda: error
     )
 
 
 def _at_large_angle(rules: Rules, changes: JaxArray, y1: JaxArray, error: JaxArray) -> JaxArray:
     """Return the largest change of the coefficients in the step, or the error if it is larger.
 
-    The estimate isn't believed at large angles, but constant coefficients may turn by any angle.
+    At large angles the estimate is unreliable, but constant coefficients may turn by any angle.
     ``raise_by_angle`` in ``fortran/steps/error_estimate.f90`` raises the error by a power of the
     angle.
     """
@@ -355,20 +354,6 @@ def _parts(table: MethodTable, differences: Part, sums: Part) -> list[Part]:
         count = len(table.errors)
         return [sums[:count], sums[count:]]
     return [differences + sums]
-
-
-def turning(frame: Frame, v: JaxArray) -> JaxArray:
-    """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
-    if isinstance(frame, Product):
-        factors = zip(frame.factors, frame._vector_slices, strict=True)
-        return jnp.stack([turning(factor, v[slot]) for factor, slot in factors]).max()
-    if isinstance(frame, Power):
-        return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
-    group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
-    if not isinstance(group, SO | SU | U):
-        return jnp.zeros((), v.dtype)
-    factor = 2.0 if isinstance(group, SO) and group.n > 3 else 1.0
-    return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
 def _magnus_error(

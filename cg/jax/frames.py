@@ -22,9 +22,9 @@ from cg.jax.manifolds import (
     conjugation_rules,
     euclidean_rules,
     hyperbolic_rules,
-    own_rules,
     sphere_rules,
     stiefel_rules,
+    user_rules,
 )
 from cg.jax.products import power_rules, product_rules
 from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
@@ -62,7 +62,7 @@ _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     frames.Hyperbolic: hyperbolic_rules,
     frames.Product: lambda frame: product_rules(frame, [*map(rules_of, frame.factors)]),
     frames.Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
-    **dict.fromkeys([frames.FieldFrame, frames.MatrixFrame, frames.LinearAction], own_rules),
+    **dict.fromkeys([frames.FieldFrame, frames.MatrixFrame, frames.LinearAction], user_rules),
 }
 
 
@@ -125,3 +125,17 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     zero = jnp.zeros(frame.dim, real_dtype(y))
     _, pull = jax.vjp(lambda v: rules.flow(v, y), zero)
     return pull(g.astype(y.dtype))[0]
+
+
+def turning(frame: Frame, v: JaxArray) -> JaxArray:
+    """Return the angle of a flow, as ``turning`` in ``fortran/frames/frames.f90``."""
+    if isinstance(frame, frames.Product):
+        factors = zip(frame.factors, frame._vector_slices, strict=True)
+        return jnp.stack([turning(factor, v[slot]) for factor, slot in factors]).max()
+    if isinstance(frame, frames.Power):
+        return jax.vmap(lambda u: turning(frame.factor, u))(v.reshape(frame.n, -1)).max()
+    group = getattr(frame, "group", frame)
+    if not isinstance(group, frames.SO | frames.SU | frames.U | frames.UnitQuaternion):
+        return jnp.zeros((), v.dtype)
+    factor = 2.0 if isinstance(group, frames.SO) and group.n > 3 else 1.0
+    return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))

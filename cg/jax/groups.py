@@ -50,7 +50,7 @@ from cg.jax.rules import (
     with_identity_derivative,
     zero,
 )
-from cg.support.shared_numbers import COMMUTE
+from cg.support.shared_numbers import COMMUTING_ROUNDINGS
 
 _SQUARED_RADIUS = RADIUS**2
 
@@ -85,7 +85,7 @@ def motion_dexpinv(side: float) -> Dexpinv:
             factors.extend(motion_factors(within))
             brackets.append(bracket(bracket(twice)))
         value = jnp.stack([a + dot(factors, row) for a, *row in zip(y, *brackets, strict=True)])
-        bound = (COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
+        bound = (COMMUTING_ROUNDINGS * jnp.finfo(q.dtype).eps) ** 2 * q
         commutes = bound * dot(y, y) >= dot(once, once)
         # v stays as it is, with the derivatives of the value: rounding grows near the radius
         exact = value + jax.lax.stop_gradient(v - value)
@@ -122,7 +122,7 @@ def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
     """
     matrix, fixed = jax.lax.stop_gradient((matrix, v))
     bound = jnp.sqrt((matrix**2).sum())
-    rounding = COMMUTE * jnp.finfo(bound.dtype).eps * bound
+    rounding = COMMUTING_ROUNDINGS * jnp.finfo(bound.dtype).eps * bound
 
     def growth() -> tuple[JaxArray, JaxArray]:
         def multiply(power: JaxArray, _: Any) -> tuple[JaxArray, JaxArray]:
@@ -157,7 +157,7 @@ class Group:
     dexpinv: Dexpinv
     inverse: Map
     restore: Map = same
-    distance: Map = zero
+    relative_error: Map = zero
     unequal_sizes: Map | None = None
 
 
@@ -175,7 +175,7 @@ def group_rules(frame: MatrixGroup) -> Rules:
         frame, lambda v, y: act(group.exponential(v), y), group.restore,
         lambda y0, y1: group.log1p(quotient(y0, y1 - y0)), group.dexpinv,
         lambda y, tangent: projection(frame, quotient(y, tangent)), group.unequal_sizes,
-        group.distance, closed_field=lambda v, y: act(linear(v, frame.basis), y),
+        group.relative_error, closed_field=lambda v, y: act(linear(v, frame.basis), y),
     )  # fmt: skip
 
 
@@ -219,7 +219,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
 
     dexpinv = motion_dexpinv(frame._rotation_sign)
     return Rules(
-        frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error,
+        frame, flow, unit_step, log, dexpinv, coefficients, relative_error=length_error,
         closed_field=lambda v, y: act(v, generators, y),
     )  # fmt: skip
 
@@ -271,7 +271,7 @@ def _general(frame: MatrixGroup) -> Group:
     inverse = adjoint if isinstance(frame, SO | SU | U) else jnp.linalg.inv
     exponential, log1p = (lambda v: expm(linear(v, frame.basis))), logarithm_of(frame, inverse)
     restore: Map = same
-    distance: Map = zero
+    relative_error: Map = zero
     if isinstance(frame, SO | SU):
 
         def restore(y: JaxArray) -> JaxArray:
@@ -280,11 +280,11 @@ def _general(frame: MatrixGroup) -> Group:
                 return y
             return y * (1.0 - (jnp.linalg.det(y) - 1.0) / frame.n)
 
-        def distance(y: JaxArray) -> JaxArray:
+        def relative_error(y: JaxArray) -> JaxArray:
             return jnp.maximum(column_error(y), jnp.abs(jnp.linalg.det(y) - 1.0))
 
     elif isinstance(frame, U):
-        restore, distance = newton_schulz, column_error
+        restore, relative_error = newton_schulz, column_error
     elif isinstance(frame, SL | Sp):
         restore = with_identity_derivative(
             _with_determinant_one
@@ -292,10 +292,10 @@ def _general(frame: MatrixGroup) -> Group:
             else lambda y: y + symplectic_correction(y, jnp.asarray(frame._form, y.dtype), jnp)
         )
 
-        def distance(y: JaxArray) -> JaxArray:
+        def relative_error(y: JaxArray) -> JaxArray:
             return jnp.linalg.norm(restore(y) - y, 2) / jnp.linalg.norm(y, 2)
 
-    return Group(exponential, log1p, make_series_dexpinv(frame), inverse, restore, distance)
+    return Group(exponential, log1p, make_series_dexpinv(frame), inverse, restore, relative_error)
 
 
 def _with_determinant_one(y: JaxArray) -> JaxArray:
@@ -330,13 +330,13 @@ def _motions(frame: Semidirect) -> Group:
         lengths = jnp.sqrt((y[:n, n:] ** 2).sum(axis=0))
         return jnp.concatenate([jnp.ones(frame.group.dim, y.dtype), jnp.repeat(lengths, n)])
 
-    def distance(y: JaxArray) -> JaxArray:
+    def relative_error(y: JaxArray) -> JaxArray:
         lower = jnp.abs(y[n:] - jnp.eye(len(y))[n:]).max()
-        return jnp.maximum(rotations.distance(y[:n, :n]), lower)
+        return jnp.maximum(rotations.relative_error(y[:n, :n]), lower)
 
     return Group(
         exponential, log1p, motion_dexpinv(frame._side), inverse,
-        lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]), distance, sizes,
+        lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]), relative_error, sizes,
     )  # fmt: skip
 
 
@@ -365,12 +365,13 @@ def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
     return unit * jnp.eye(3, dtype=v.dtype) + (once * wedge + twice * jnp.outer(v, v))
 
 
-def rotation_logarithm(away: JaxArray) -> JaxArray:
-    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+def rotation_logarithm(difference: JaxArray) -> JaxArray:
+    """Return the rotation vector of the identity plus a matrix, as `cg.frames.rotations` has it."""
     # The largest row of the quaternion's square of rank one, scalar last
-    trace = jnp.trace(away)
-    axial = jnp.stack([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]])
-    block = away + away.T + jnp.diag(-trace * jnp.ones(3, away.dtype))
+    trace = jnp.trace(difference)
+    skew = difference - difference.T
+    axial = jnp.stack([skew[2, 1], skew[0, 2], skew[1, 0]])
+    block = difference + difference.T + jnp.diag(-trace * jnp.ones(3, difference.dtype))
     outer = jnp.block([[block, axial[:, None]], [axial[None, :], (4.0 + trace)[None, None]]])
     q = outer[jnp.argmax(jnp.diagonal(outer))]
     q = q / jnp.sqrt(q @ q)

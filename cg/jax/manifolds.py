@@ -54,7 +54,7 @@ def sphere_rules(frame: frames.Sphere) -> Rules:
 
     return Rules(
         frame, lambda v, y: group.exponential(v) @ y, unit_step, log, group.dexpinv, turn,
-        distance=length_error, unique=False,
+        relative_error=length_error, unique=False,
     )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
     return Rules(
         frame, lambda v, y: group.exponential(v) @ y, newton_schulz, dexpinv=group.dexpinv,
         closed_coefficients=lambda y, x: projection(frame.group, min_norm_generator(y, x)),
-        distance=column_error, unique=False,
+        relative_error=column_error, unique=False,
     )  # fmt: skip
 
 
@@ -85,7 +85,7 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         vectors = jnp.linalg.eigh(y)[1]
         return (vectors * jnp.asarray(frame.spectrum, real_dtype(y))) @ adjoint(vectors)
 
-    def distance(y: JaxArray) -> JaxArray:
+    def relative_error(y: JaxArray) -> JaxArray:
         values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
         if isinstance(frame, frames.SPD):
             return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
@@ -104,8 +104,8 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
     orbit = isinstance(frame, frames.IsospectralOrbit)
     near = with_identity_derivative(restore) if orbit else restore
     return Rules(
-        frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False,
-        start=geodesic if spd else None, composed=composed if spd else None,
+        frame, flow, near, dexpinv=group.dexpinv, relative_error=relative_error, unique=False,
+        first_coordinates=geodesic if spd else None, composed=composed if spd else None,
     )  # fmt: skip
 
 
@@ -129,10 +129,10 @@ def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
     def sizes(y: JaxArray) -> JaxArray:
         return jnp.full(frame.n, jnp.sqrt(y @ y)).at[0].set(1.0)
 
-    def distance(y: JaxArray) -> JaxArray:
-        return jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1])
-
-    return Rules(frame, flow, same, log, make_series_dexpinv(frame), coefficients, sizes, distance)
+    return Rules(
+        frame, flow, same, log, make_series_dexpinv(frame), coefficients, sizes,
+        relative_error=lambda y: jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1]),
+    )  # fmt: skip
 
 
 def _expm1_quotient(a: JaxArray) -> JaxArray:
@@ -143,7 +143,7 @@ def _expm1_quotient(a: JaxArray) -> JaxArray:
     return jnp.where(near, power_series(terms, small), jnp.expm1(large) / large)
 
 
-def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearAction) -> Rules:
+def user_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearAction) -> Rules:
     """Return the rules of a frame whose functions the user has written in jax.numpy."""
     if isinstance(frame, frames.FieldFrame):
         flow = frame._flow

@@ -76,17 +76,17 @@ def logarithm_of(
     far = _far_logarithm(frame)
 
     @jax.custom_jvp
-    def log1p(away: JaxArray) -> JaxArray:
-        near = (jnp.abs(away) ** 2).sum() < _NEAR_IDENTITY**2
-        whole = jnp.eye(len(away), dtype=away.dtype) + away
-        matrix = jax.lax.cond(near, lambda: _series(away), lambda: far(whole))
+    def log1p(difference: JaxArray) -> JaxArray:
+        near = (jnp.abs(difference) ** 2).sum() < _NEAR_IDENTITY**2
+        whole = jnp.eye(len(difference), dtype=difference.dtype) + difference
+        matrix = jax.lax.cond(near, lambda: _series(difference), lambda: far(whole))
         return projection(frame, matrix)
 
     @log1p.defjvp
     def _log1p_jvp(primals: Any, tangents: Any) -> Any:
-        (away,), (change,) = primals, tangents
-        v = log1p(away)
-        whole = jnp.eye(len(away), dtype=away.dtype) + away
+        (difference,), (change,) = primals, tangents
+        v = log1p(difference)
+        whole = jnp.eye(len(difference), dtype=difference.dtype) + difference
         rate = projection(frame, inverse(whole) @ change)
         # Row vectors times this matrix are brackets of minus v.
         bracket = -frame._side * linear(v, frame._adjoint_basis)

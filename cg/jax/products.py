@@ -84,7 +84,7 @@ def product_rules(frame: Product, factors: list[Rules]) -> Rules:
         None if any(rules.dexpinv is None for rules in factors) else dexpinv,
         together("coefficients"),
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
-        lambda y: jnp.stack(each("distance", split(frame, y))).max(),
+        lambda y: jnp.stack(each("relative_error", split(frame, y))).max(),
         unique=all(rules.unique for rules in factors),
         composed=None if all(rules.composed is None for rules in factors) else composed,
         closed_field=lambda v, y: join(frame, *each("field", cut(v), split(frame, y))),
@@ -112,8 +112,8 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         frame, lambda v, y: jax.vmap(rules.flow)(v.reshape(n, m), y), jax.vmap(rules.restore),
         None if rules.log is None else on_points(rules.log),
         None if rules.dexpinv is None else dexpinv, on_points(rules.coefficients),
-        on_points(rules.sizes), lambda y: jax.vmap(rules.distance)(y).max(), unique=rules.unique,
-        composed=None if rules.composed is None else composed,
+        on_points(rules.sizes), lambda y: jax.vmap(rules.relative_error)(y).max(),
+        unique=rules.unique, composed=None if rules.composed is None else composed,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ Map = Callable[[JaxArray], JaxArray]
 Pairing = Callable[[JaxArray, JaxArray], JaxArray]
 Dexpinv = Callable[[JaxArray, JaxArray, int], JaxArray]
 
-_NEARBY_STEPS = 4  # Gauss-Newton steps of `nearby`
+_LOCAL_STEPS = 4  # Gauss-Newton steps of `local_coordinates`
 
 
 def same(y: JaxArray) -> JaxArray:
@@ -30,7 +30,7 @@ def same(y: JaxArray) -> JaxArray:
 
 
 def zero(y: JaxArray) -> JaxArray:
-    """Return the distance of a point from a manifold that is the whole space."""
+    """Return the relative error of a point of a manifold that is the whole space."""
     return jnp.zeros((), real_dtype(y))
 
 
@@ -42,12 +42,12 @@ class Rules:
     coefficients whose flow takes one point to the other; it is None where the frame has no
     `cg.frames.Frame.exp_coordinates`. ``dexpinv(u, v, order)`` is that of the frame, None without
     brackets. ``closed_coefficients(y, tangent)`` and ``closed_field(v, y)`` are `coefficients` and
-    `field` in closed form, ``unequal_sizes(y)`` `sizes` where not all are 1. ``distance(y)`` is, to
-    first order, the `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says
-    whether two points determine the coefficients of the short flow between them. `nearby` starts at
-    ``start(y0, y1)``, None for zero. ``composed(flows)`` are the coefficients of the flow that is
-    the product of flows, shape ``(count, dim)``, the first one first; None where points determine
-    it well.
+    `field` in closed form, ``unequal_sizes(y)`` `sizes` where not all are 1. ``relative_error(y)``
+    is, to first order, the `cg.frames.Frame.relative_error` of a point off the manifold. ``unique``
+    says whether two points determine the coefficients of the short flow between them.
+    `local_coordinates` starts at ``first_coordinates(y0, y1)``, None for zero. ``composed(flows)``
+    are the coefficients of the flow that is the product of flows, shape ``(count, dim)``, the first
+    one first; None where points determine it well.
     """
 
     frame: Frame
@@ -57,9 +57,9 @@ class Rules:
     dexpinv: Dexpinv | None = None
     closed_coefficients: Pairing | None = None
     unequal_sizes: Map | None = None
-    distance: Map = zero
+    relative_error: Map = zero
     unique: bool = True
-    start: Pairing | None = None
+    first_coordinates: Pairing | None = None
     composed: Map | None = None
     closed_field: Pairing | None = None
 
@@ -87,12 +87,13 @@ class Rules:
             return self.closed_field(v, y)
         return jax.jvp(lambda w: self.flow(w, y), (jnp.zeros_like(v),), (v,))[1]
 
-    def nearby(self, y0: JaxArray, y1: JaxArray) -> JaxArray:
+    def local_coordinates(self, y0: JaxArray, y1: JaxArray) -> JaxArray:
         """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
         if self.log is not None:
             return self.log(y0, y1)
-        v = jnp.zeros(self.frame.dim, real_dtype(y0)) if self.start is None else self.start(y0, y1)
-        for _ in range(_NEARBY_STEPS):
+        first = self.first_coordinates
+        v = first(y0, y1) if first else jnp.zeros(self.frame.dim, real_dtype(y0))
+        for _ in range(_LOCAL_STEPS):
             y = self.flow(v, y0)
             v = v + self.coefficients(y, y1 - y)
         return v

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -11,29 +12,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from cg.frames import Frame, Power, Product
+from cg.frames import Euclidean, Frame, Power, Product
 from cg.frames.facts import check_brackets
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.user import UserFrame
-from cg.jax.control import LastStep, error_estimate, turning
-from cg.jax.frames import rules_of
+from cg.jax.control import LastStep, error_estimate
+from cg.jax.frames import rules_of, turning
 from cg.jax.rules import JaxArray, Rules, read_point, real_dtype
 from cg.jax.stages import Start, StepInterpolation, interpolant, interpolant_of_noise, take_stages
-from cg.jax.term import (
-    FrameTerm,
-    LinearTerm,
-    check_noise,
-    events_and_output,
-    increments,
-    refuse_implicit_adjoint,
-    rules_in,
-    unwrapped,
-)
+from cg.jax.term import FrameTerm, LinearTerm, check_noise, increments, rules_in, unwrapped
 from cg.support.checks import check_flag, check_real
 from cg.support.shared_numbers import PARTS_OF_TURN
 from cg.tables import HasTable, Kind, MethodTable, unique_table
 
 _MAX_ANGLE = 2.0 * math.pi / PARTS_OF_TURN
+_CALLERS = 13  # callers to search; equinox has some between diffrax and a solver
 
 
 class SolverState(eqx.Module):
@@ -131,7 +124,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients at a point."""
-        refuse_implicit_adjoint(rules_in(terms).frame)
+        _refuse_implicit_adjoint(rules_in(terms).frame)
         drift = terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms
         return drift.vf(t0, y0, args)
 
@@ -152,14 +145,14 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         at_start = eqx.error_if(
             at_start,
-            ~(rules.distance(y0) <= tolerance),
+            ~(rules.relative_error(y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
         real = at_start.dtype
         none = jnp.zeros((), real), jnp.zeros((len(self.table.c), frame.dim), real)
         last_step = LastStep(*none) if self.table.kind is Kind.LINEAR else None
-        return SolverState(at_start, last_step, *events_and_output())
+        return SolverState(at_start, last_step, *_events_and_output())
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -204,6 +197,47 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         stages = take_stages(self.table, start, unroll=self.unroll, with_end=False, between=False)
         within = interpolant_of_noise(self.table, start, stages) if state.between else None
         return stages.result, None, {"within": within}, state, _result(stages.result)
+
+
+def _refuse_implicit_adjoint(frame: Frame) -> None:
+    """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
+
+    It solves f(y) = 0 for the entries of y. A solver isn't told the adjoint, but that adjoint calls
+    ``f`` from a function of its own, which is among the callers.
+    """
+    if not isinstance(frame, Euclidean) and _caller("diffrax._adjoint", "_vf") is not None:
+        raise NotImplementedError(
+            "adjoint must not be ImplicitAdjoint on a manifold, where f(y) = 0 does not "
+            "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
+        )
+
+
+def _events_and_output() -> tuple[bool, bool]:
+    """Return whether there is an event, and output between steps, which a solver isn't told.
+
+    Outside of `diffeqsolve` any point may be asked for.
+    """
+    solve = _caller("diffrax._integrate", "diffeqsolve")
+    if solve is None:
+        return False, True
+    has_events, saveat = solve["event"] is not None, solve["saveat"]
+    outputs = jax.tree.leaves(saveat.subs, is_leaf=lambda x: isinstance(x, diffrax.SubSaveAt))
+    between = saveat.dense or any(output.ts is not None for output in outputs)
+    return has_events, has_events or between
+
+
+def _caller(module: str, name: str) -> dict[str, Any] | None:
+    """Return the variables of a function that is among the callers, or None."""
+    # Names of diffrax 0.7.0 and 0.7.2; with others test_implicit_adjoints fails, as does
+    # test_steps_longer_than_a_turn_do_not_pass_over_events, and all steps make interpolants.
+    caller = inspect.currentframe()
+    for _ in range(_CALLERS):
+        if caller is None:
+            return None
+        if (caller.f_globals.get("__name__"), caller.f_code.co_name) == (module, name):
+            return caller.f_locals
+        caller = caller.f_back
+    return None
 
 
 def _result(y: JaxArray) -> Any:

@@ -19,12 +19,12 @@ from numpy.polynomial import Polynomial
 
 from cg.jax.rules import JaxArray, Rules, linear
 from cg.support.arrays import Array
-from cg.support.caches import cached
+from cg.support.caches import cached_by_identity
 from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
 
 _NEWTON_STEPS = 3  # each squares an error that is of third order at first
-_TANGENT_ORDER = 16  # of the series of dexpinv; derivatives have no smaller ones to make up for it
+_TANGENT_ORDER = 16  # order of the series of dexpinv in derivatives, which no iteration corrects
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class _Flows:
     stages: list[int]
 
 
-@cached
+@cached_by_identity
 def _flows_of(table: MethodTable) -> _Flows:
     origins: list[int] = []
     ends, width = [0], table.errors.shape[1]
@@ -294,7 +294,7 @@ def interpolant_of_noise(table: MethodTable, start: Start, stages: Stages) -> _I
     return _Interpolant(start.y0, fields, start.rules, _noise_scheme(table))
 
 
-@cached
+@cached_by_identity
 def _noise_scheme(table: MethodTable) -> _Scheme:
     return _Scheme(table.result_flows[..., None], accurate=False)
 
@@ -355,7 +355,7 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
     return solve(u, y0, y1)
 
 
-@cached
+@cached_by_identity
 def _algebra_scheme(table: MethodTable) -> _Scheme:
     """Return the polynomials of the basis, one flow."""
     degree = len(table.output.basis)
@@ -379,7 +379,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray
             back = -jnp.asarray(scheme.weights.sum(2)[-2::-1, :-1], h.dtype) @ fields
             left = rules.composed(jnp.concatenate([back, displacements]))
             reached = rules.flow(left, reached)
-        left = left + rules.nearby(reached, stages.result)
+        left = left + rules.local_coordinates(reached, stages.result)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
     ends = h * jnp.stack([start.at_start, at_end])
@@ -395,7 +395,7 @@ def _by_flows(table: MethodTable, start: Start, stages: Stages, at_end: JaxArray
     return level
 
 
-@cached
+@cached_by_identity
 def _flow_schemes(table: MethodTable) -> list[_Scheme]:
     r"""Return the weights of interpolants with 2, 3, … nodes.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -12,12 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cg.frames import Euclidean, Frame, Product
+from cg.frames import Frame, Product
 from cg.jax.frames import rules_of
 from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.tables import MethodTable
-
-_CALLERS = 13  # callers to search; equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -210,47 +207,6 @@ def unwrapped(terms: Any) -> Any:
     while isinstance(terms, diffrax._term.WrapTerm):
         terms = terms.term
     return terms
-
-
-def refuse_implicit_adjoint(frame: Frame) -> None:
-    """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
-
-    It solves f(y) = 0 for the entries of y. A solver isn't told the adjoint, but that adjoint calls
-    ``f`` from a function of its own, which is among the callers.
-    """
-    if not isinstance(frame, Euclidean) and _caller("diffrax._adjoint", "_vf") is not None:
-        raise NotImplementedError(
-            "adjoint must not be ImplicitAdjoint on a manifold, where f(y) = 0 does not "
-            "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
-        )
-
-
-def events_and_output() -> tuple[bool, bool]:
-    """Return whether there is an event, and output between steps, which a solver isn't told.
-
-    Outside of `diffeqsolve` any point may be asked for.
-    """
-    solve = _caller("diffrax._integrate", "diffeqsolve")
-    if solve is None:
-        return False, True
-    has_events, saveat = solve["event"] is not None, solve["saveat"]
-    outputs = jax.tree.leaves(saveat.subs, is_leaf=lambda x: isinstance(x, diffrax.SubSaveAt))
-    between = saveat.dense or any(output.ts is not None for output in outputs)
-    return has_events, has_events or between
-
-
-def _caller(module: str, name: str) -> dict[str, Any] | None:
-    """Return the variables of a function that is among the callers, or None."""
-    # Names of diffrax 0.7.0 and 0.7.2; with others test_implicit_adjoints fails, as does
-    # test_steps_longer_than_a_turn_do_not_pass_over_events, and all steps make interpolants.
-    caller = inspect.currentframe()
-    for _ in range(_CALLERS):
-        if caller is None:
-            return None
-        if (caller.f_globals.get("__name__"), caller.f_code.co_name) == (module, name):
-            return caller.f_locals
-        caller = caller.f_back
-    return None
 
 
 def check_noise(terms: diffrax.MultiTerm, table: MethodTable) -> None:

@@ -59,8 +59,8 @@ class Reference:
     Examples
     --------
     >>> from fractions import Fraction
-    >>> from cg.problems import StateDependentRotation
-    >>> reference = StateDependentRotation().reference([Fraction(1, 8)], bits=96)
+    >>> import crouch_grossman as cg
+    >>> reference = cg.problems.StateDependentRotation().reference([Fraction(1, 8)], bits=96)
     >>> reference.y.shape, reference.errors[-1] < 1e-25
     ((1, 10), True)
     >>> float(reference.values[-1][0])

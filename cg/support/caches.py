@@ -1,4 +1,4 @@
-"""Values of functions that are kept."""
+"""Caches of functions of one argument, by its identity or by its value."""
 
 import weakref
 from collections.abc import Callable
@@ -11,7 +11,7 @@ Result = TypeVar("Result")
 _MAX_VALUES = 64
 
 
-def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
+def cached_by_identity(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
     """Return a function that computes its value once for each object.
 
     The key is the identity, since to hash all coefficients of a method takes longer than most
@@ -31,9 +31,9 @@ def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
 
 
 def cached_by_value(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
-    """Return a function that keeps its last results, of what can be hashed.
+    """Return a function that keeps its last 64 results, for arguments that can be hashed.
 
-    The very object of the call before is recognized without its hash.
+    The object of the call before is recognised without its hash.
     """
     results = lru_cache(maxsize=_MAX_VALUES)(compute)
     last: tuple[Any, Any] = (results, None)  # an argument that can be hashed, and its result

@@ -2,7 +2,6 @@
 
 import math
 import operator
-import os
 import sys
 import warnings
 from collections.abc import Collection, Iterable
@@ -42,6 +41,25 @@ def short(value: Any) -> str:
     return text if len(text) <= 2 * _HALF else f"{text[:_HALF]} ... {text[-_HALF:]}"
 
 
+def texts_of(*numbers: float) -> list[str]:
+    """Return numbers for a message, with six digits or as many as tell them apart.
+
+    A number alone, or equal ones, have all their digits.
+
+    Examples
+    --------
+    >>> texts_of(0.5, 2.0), texts_of(1.7e9, 1.7e9 + 0.01)
+    (['0.5', '2'], ['1700000000', '1700000000.01'])
+    """
+    if len(set(numbers)) == 1:
+        return [repr(float(number)) for number in numbers]
+    for digits in range(6, 18):
+        texts = [f"{number:.{digits}g}" for number in numbers]
+        if len(set(texts)) == len(set(numbers)):
+            break
+    return texts
+
+
 def warn_user(text: str) -> None:
     """Warn at the line outside this package, and outside its hosts, that has led here."""
     level, frame = 2, sys._getframe(1)
@@ -62,6 +80,12 @@ def check_instance(name: str, value: Any, kind: type) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise TypeError(f"{name} must be {article} {kind.__name__}, got {value!r}")
+
+
+def check_name(name: Any) -> None:
+    """Raise TypeError unless ``name`` is a non-empty string."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"name must be a non-empty string, got {name!r}")
 
 
 def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
@@ -136,11 +160,3 @@ def check_interval(name: str, value: Any) -> tuple[float, float]:
     if len(numbers) == 2 and -math.inf < numbers[0] < numbers[1] < math.inf:
         return numbers[0], numbers[1]
     raise ValueError(f"{name} must be two increasing finite numbers, got {value!r}")
-
-
-def total_memory() -> float:
-    """Return the bytes of memory of the machine, infinity if they are unknown."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return math.inf

@@ -1,14 +1,23 @@
-"""A check that there is enough memory for a compiled call.
+"""The memory of the machine, and a check that there is enough of it for a compiled call.
 
 A failed ``allocate`` in Fortran stops the program, and so does an automatic array. The memory of a
 call follows from its arguments, and is compared here with the available memory.
 """
 
+import math
+import os
+
 import numpy as np
 
-from cg.support.checks import total_memory
-
 _SLACK = 1 << 20  # memory of f2py and of the allocator
+
+
+def total_memory() -> float:
+    """Return the bytes of memory of the machine, infinity if they are unknown."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf
 
 
 def check_memory(needed: int, label: str) -> None:

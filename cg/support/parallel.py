@@ -93,7 +93,7 @@ def available_cores() -> int:
 
 @lru_cache(maxsize=1)
 def _libraries(modules: int) -> list[Any]:
-    """Return the libraries of linear algebra, searched for again when other modules are there.
+    """Return the libraries of linear algebra; a new number of loaded modules starts a new search.
 
     To find them takes as long as a short integration.
     """
@@ -162,7 +162,7 @@ def _lift_in_child() -> None:
 
 
 def _hold() -> None:
-    """Let no thread set a number of threads, with a lock of a library that a child can't take."""
+    """Take the lock before forks: a child can't take a library's lock that another thread holds."""
     _limit.lock.acquire()
 
 
@@ -376,18 +376,18 @@ def _submit(
 
 
 def _with_picklable_errors(work: Callable[[Item], Result], item: Item) -> Result:
-    """Run a piece in another process, for which one that sends another error counts as dead."""
+    """Run a piece in another process; an error that can't be pickled becomes a RuntimeError."""
     try:
         with single_threads():
             return work(item)
     except Exception as error:
-        if _travels(error):
+        if _is_picklable(error):  # a process that sends another counts as dead
             raise
         kind = type(error)
         raise RuntimeError(f"{kind.__module__}.{kind.__qualname__}: {error}") from error
 
 
-def _travels(error: Exception) -> bool:
+def _is_picklable(error: Exception) -> bool:
     try:
         return type(pickle.loads(pickle.dumps(error))) is type(error)
     except Exception:  # any error of the exception's own class

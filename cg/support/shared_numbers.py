@@ -17,8 +17,8 @@ else:  # run by the build, beside shared_records.py
 class LoopStatus(IntEnum):
     """Why the compiled loop over steps returned."""
 
-    NO_STOP = 0  # it goes on; of a procedure that it calls: it has succeeded
-    STOPPED_BY_RHS = 1  # it returned a nonzero flag
+    NO_STOP = 0  # the loop goes on; as the result of a procedure: success
+    STOPPED_BY_RHS = 1  # the right-hand side returned a nonzero flag
     RHS_NOT_FINITE = 2
     STAGE_NOT_FINITE = 3  # the point at which the field was evaluated
     SOLUTION_NOT_FINITE = 4
@@ -32,9 +32,9 @@ class LoopStatus(IntEnum):
     TERMINAL_EVENT = 12
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
-    RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
+    RESTING_CONTACT = 15  # a jump leaves the event's function at zero, and f doesn't move it off
     TIME_NOT_FINITE = 16  # a step without end leads beyond the range of numbers
-    STEP_TOO_LONG_FOR_EVENTS = 17  # it rotates by too many turns
+    STEP_TOO_LONG_FOR_EVENTS = 17  # the step rotates by too many turns
     JOINTS_NOT_SOLVED = 18  # there are no forces of joints that keep them closed
     FINISHED = 19  # at the end of the integration
     # requests of a trajectory
@@ -48,7 +48,7 @@ class RhsFlag(IntEnum):
 
     RAISED_IN_PYTHON = -(2**31) + 1
     OBSERVER_FAILED = -(2**31) + 2  # not f, but what is evaluated at output times
-    SIZE_FAILED = -(2**31) + 3  # the function of step sizes
+    STEP_FUNCTION_FAILED = -(2**31) + 3  # the function of step sizes
 
 
 class StepKind(IntEnum):
@@ -307,7 +307,7 @@ PARTS_OF_TURN = 12
 """Least number of comparisons of an event's signs while a step turns by 2π."""
 MAX_OWN_ROWS = 12
 """Largest number of rows of matrices that compiled code multiplies without BLAS."""
-COMMUTE = 1024.0  # a bracket of less rounding errors of its factors counts as zero
+COMMUTING_ROUNDINGS = 1024.0  # a bracket of less rounding errors of its factors counts as zero
 # beyond this ratio of their lengths, changes of point and parameters have differences of their own:
 # in one of both the shorter change would have few digits
 MAX_LENGTH_RATIO = 1000.0
@@ -351,7 +351,7 @@ def fortran_module() -> str:
         for column in columns:
             lines.append(f"  integer, parameter :: {prefix}_{column.name.lower()} = {column + 1}")
     others: dict[str, float] = {"parts_of_turn": PARTS_OF_TURN, "max_own_rows": MAX_OWN_ROWS}
-    others |= {"commuting_roundings": COMMUTE, "max_length_ratio": MAX_LENGTH_RATIO}
+    others |= {"commuting_roundings": COMMUTING_ROUNDINGS, "max_length_ratio": MAX_LENGTH_RATIO}
     for name, number in {**STEP_CONTROL, **ERROR_ESTIMATE, **others}.items():
         real = isinstance(number, float)
         kind, value = ("real(c_double)", f"{number}_c_double") if real else ("integer", number)

@@ -3,7 +3,7 @@
 import ctypes
 from typing import Any
 
-RECORD = {
+RUN = {
     # all members
     "members": "integer",
     "lanes": "integer",  # members integrated at the same time
@@ -47,13 +47,13 @@ RECORD = {
     "friction": "real",
     "temperature": "real",
     "seed": "integer",
-    "first_member": "integer",  # the member of the ensemble that is the first one here
+    "first_member": "integer",  # number in the ensemble of the first member of this run
     # the inertia of each member, if it has its own
     "constants_per_member": "integer",  # constants of a member
     "bodies": "address",  # C integers, columns of the inertia of each body
     "body_constants": "address",
     "state_size": "integer",  # bytes of the saved state of a member, which opening the run sets
-    "budget": "integer",  # steps to try until a call returns, which leaves the rest
+    "budget": "integer",  # steps that a call may try; when it returns, those that are left
     # output of each call
     "ended": "integer",  # trajectories that have ended
     "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
@@ -109,7 +109,7 @@ METHOD = {
     "embedded": "integer",
     "third": "integer",
     "final_stage": "integer",
-    "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
+    "series": "integer",  # order up to which the series of dexp⁻¹ is needed, 0 for none
     "kept_nodes": "integer",  # coefficients of the step before that error estimates use
     "estimate": "integer",  # an `EstimateForm`
     "power": "integer",  # exponent of the quotient of two error estimates
@@ -178,7 +178,7 @@ OBSERVER = {
     "count": "integer",  # numbers at a time
     "functions": "integer",  # functions in C, 0 for one in Python
     "table": "address",  # `EVENT`, of those in C
-    "function": "address",  # that in Python
+    "function": "address",  # the function in Python
     "data": "address",
     "stride": "integer",  # bytes from one member's data to the next
 }
@@ -219,7 +219,7 @@ VARIATION = {
 """A right-hand side with derivatives."""
 
 RECORDS = {
-    "record_t": RECORD,
+    "record_t": RUN,
     "method_record_t": METHOD,
     "counters_t": COUNTERS,
     "event_record_t": EVENT,

@@ -5,10 +5,9 @@ nothing else of a method. Those of the catalogue are stored in ``methods.json.gz
 """
 
 from cg.tables.stored import source_method, stored_names, stored_table, table_of, unique_table
-from cg.tables.table import MAX_ANGLE, HasTable, Kind, MethodTable, basis_polynomials
+from cg.tables.table import HasTable, Kind, MethodTable, basis_polynomials
 
 __all__ = [
-    "MAX_ANGLE",
     "HasTable",
     "Kind",
     "MethodTable",

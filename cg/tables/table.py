@@ -15,11 +15,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
-from cg.support.shared_numbers import ERROR_ESTIMATE, EstimateForm, StepKind
+from cg.support.shared_numbers import EstimateForm, StepKind
 from cg.support.shared_records import METHOD, fields_of
-
-MAX_ANGLE = ERROR_ESTIMATE["max_angle"]
-"""Longest step whose error estimate is believed, in radians."""
 
 _INTEGERS = {"origin", "path_first", "flow_first", "flow_stage", "stage_path"}
 
@@ -79,10 +76,10 @@ class InterpolantScheme:
 class MethodTable:
     """A method as integrations read it.
 
-    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``:
-    coefficients at its stages, with the end where the error estimate needs it, or one register. Of
-    the step before it keeps ``kept_nodes``, coefficients at three stages or more that need no
-    point. Steps are proportional to errors to the power ``exponent``, 0 without estimates.
+    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. A step keeps ``kept_vectors``: one
+    register, or coefficients at its stages, with the end where the error estimate needs it, and
+    brackets. Magnus methods of three nodes or more also keep ``kept_nodes`` vectors of the step
+    before. Steps are proportional to errors to the power ``exponent``, 0 without estimates.
     """
 
     name: str
@@ -116,7 +113,7 @@ class MethodTable:
 
     @property
     def c(self) -> Array:
-        """The abscissae of the stages, with that of an end that error estimates need."""
+        """The abscissae of the stages, then 1 where error estimates need the end as a stage."""
         return self.arrays["c"]
 
     @cached_property
@@ -135,6 +132,14 @@ class MethodTable:
         drifts, kicks = self.arrays["drifts"], self.arrays["weight"]
         halves = (drifts + np.append(0.0, drifts[:-1])) / 2.0
         return halves.shape == kicks.shape and bool(np.allclose(halves, kicks, rtol=0, atol=1e-15))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a splitting method is symmetric."""
+        drifts, kicks = self.arrays["drifts"], self.arrays["weight"]
+        if len(drifts) == len(kicks):
+            drifts = np.append(0.0, drifts)
+        return all(np.allclose(x, x[::-1], rtol=0.0, atol=1e-12) for x in (drifts, kicks))
 
     @property
     def is_polynomial(self) -> bool:

@@ -2,7 +2,7 @@
 ! and takes the next one when it has ended: one lane for functions of one point; one for each member
 ! with common steps or for a Stepper; many lanes for a vectorized function, which is called once for
 ! all lanes that need coefficients, or values of an event. A run is opened from its record, a
-! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
+! structure of numbers and addresses that Python fills (RUN in cg/support/shared_records.py).
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_int, c_int64_t, &
                                          c_intptr_t, c_null_funptr, c_null_ptr

@@ -48,17 +48,17 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(out) :: g
     logical, intent(out) :: failed                     ! whether the function failed
-    procedure(event_i), pointer :: function
+    procedure(event_i), pointer :: g_of
     integer(c_intptr_t) :: data
     real(wp) :: answer(1)
 
     associate (row => self%table(event))
       if (row%function /= 0) then
-        call c_f_procpointer(transfer(row%function, c_null_funptr), function)
+        call c_f_procpointer(transfer(row%function, c_null_funptr), g_of)
         data = data_at(self%data, t, member)
         if (row%data /= 0) data = row%data
         if (row%data == -1) data = 0         ! a null pointer
-        g = function(t, y, transfer(data, c_null_ptr))
+        g = g_of(t, y, transfer(data, c_null_ptr))
         if (row%period > 0) g = g - row%period * anint(g / row%period)
       else
         call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], &

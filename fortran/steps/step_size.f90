@@ -17,8 +17,8 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: max_growth, no_stop, raised, size_failed, slope_not_finite, &
-                            splitting_kind, step_too_small, time_not_finite, too_many_steps
+  use shared_numbers, only: max_growth, no_stop, raised, slope_not_finite, splitting_kind, &
+                            step_function_failed, step_too_small, time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, receive_slope, &
@@ -268,7 +268,7 @@ contains
     value = values(1)
     if (x%status == no_stop .and. value > 0 .and. value <= huge(value)) return
     value = 1.0_wp
-    call fail(x, raised, x%t, size_failed)
+    call fail(x, raised, x%t, step_function_failed)
   end subroutine evaluate_size
 
 end module step_size_m

@@ -9,7 +9,7 @@ from cg.construction.methods.tableau import Tableau
 from cg.frames import SO3, Euclidean, Product
 from cg.integration.arguments import STAGE_SOLVERS
 from cg.problems import StateDependentRotation
-from cg.support.checks import total_memory
+from cg.support.memory import total_memory
 
 MIDPOINT = Tableau([["1/2"]], ["1"], name="implicit midpoint")
 TRAPEZOIDAL = Tableau([["0", "0"], ["1/2", "1/2"]], ["1/2", "1/2"], name="trapezoidal")

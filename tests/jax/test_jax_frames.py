@@ -66,7 +66,7 @@ class TestValues:
         def compute(v, w, y, end, tangent):
             back = rules.field(rules.coefficients(y, tangent), y)
             known = () if rules.log is None else (rules.log(y, end),)
-            nearest, step = rules.coefficients(y, tilt), rules.nearby(y, near)
+            nearest, step = rules.coefficients(y, tilt), rules.local_coordinates(y, near)
             return back, nearest, rules.sizes(y), rules.dexpinv(v, w, 8), step, *known
 
         tilt = np.random.default_rng(8).standard_normal(y.shape)
@@ -80,20 +80,20 @@ class TestValues:
         for actual in known:
             close(actual, frame.exp_coordinates(y, end), 10)
 
-    def test_distances(self, frame, example):
+    def test_relative_errors(self, frame, example):
         """They are those of NumPy to first order; a step of Newton's method removes them."""
         y, *_ = example
         rules = rules_of(frame)
-        distance = jax.jit(rules.distance)
-        assert max(distance(y), distance(frame.flow(np.full(frame.dim, 2.0), y))) < 1e-14
+        error = jax.jit(rules.relative_error)
+        assert max(error(y), error(frame.flow(np.full(frame.dim, 2.0), y))) < 1e-14
         rng = np.random.default_rng(6)
         tilt = rng.standard_normal(y.shape) + (1j if np.iscomplexobj(y) else 0.0)
         exact = frame.relative_error(y + 1e-6 * tilt)
-        assert 0.3 * exact <= distance(y + 1e-6 * tilt) <= 3.0 * exact
+        assert 0.3 * exact <= error(y + 1e-6 * tilt) <= 3.0 * exact
         if exact == 0.0:
             return
         if not isinstance(frame, (fr.SL, fr.Sp, fr.SPD)):  # open, or relative
-            assert min(distance(2.0 * y), distance(0.0 * y)) >= 0.5
+            assert min(error(2.0 * y), error(0.0 * y)) >= 0.5
         if isinstance(frame, fr.Semidirect):
             tilt[-1 - (frame.size - frame.group.size) :] = 0.0
         restored = jax.jit(rules.restore)(y + 1e-6 * tilt)
@@ -101,15 +101,15 @@ class TestValues:
 
 
 def test_reflections_are_off_the_rotations():
-    assert rules_of(fr.SO3()).distance(-jnp.eye(3)) == pytest.approx(2.0, abs=1e-14)
-    assert rules_of(fr.Hyperbolic(2)).distance(jnp.array([3.0, -1.0])) == 2.0
+    assert rules_of(fr.SO3()).relative_error(-jnp.eye(3)) == pytest.approx(2.0, abs=1e-14)
+    assert rules_of(fr.Hyperbolic(2)).relative_error(jnp.array([3.0, -1.0])) == 2.0
 
 
 def test_coefficients_between_points_of_symmetric_matrices():
     frame, rng = fr.SPD(2), np.random.default_rng(3)
     y = frame.random_point(rng)
     end = frame.flow(0.1 * rng.standard_normal(frame.dim), y)
-    moved = frame.flow(np.asarray(jax.jit(rules_of(frame).nearby)(y, end)), y)
+    moved = frame.flow(np.asarray(jax.jit(rules_of(frame).local_coordinates)(y, end)), y)
     np.testing.assert_allclose(moved, end, rtol=1e-13)
 
 

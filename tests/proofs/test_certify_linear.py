@@ -13,11 +13,7 @@ from refusals import refuses
 import cg
 from cg.construction.catalogue import loads
 from cg.construction.conditions.exact import Condition, condition_words, parse
-from cg.construction.conditions.linear_equations import (
-    linear_residuals,
-    nystrom_residuals,
-    words,
-)
+from cg.construction.conditions.linear_equations import linear_residuals, nystrom_residuals, words
 from cg.construction.proofs import CertificationError, certificate_of, certify, check
 from cg.construction.proofs.certificate import ViolatedCondition
 from cg.construction.proofs.packed import independent_trees, pack

@@ -148,7 +148,7 @@ def load(path: str | PathLike[str]) -> Method:
 
     Examples
     --------
-    >>> import tempfile, cg
+    >>> import crouch_grossman as cg, tempfile
     >>> file = tempfile.mkdtemp() + "/mine.toml"
     >>> cg.save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), file)
     >>> cg.load(file)
@@ -265,7 +265,7 @@ def save(method: Method, path: str | PathLike[str]) -> None:
 
     Examples
     --------
-    >>> import tempfile, cg
+    >>> import crouch_grossman as cg, tempfile
     >>> cg.save(cg.methods["CG3"], tempfile.mkdtemp())
     """
     path = check_path(path)

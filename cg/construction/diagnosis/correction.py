@@ -35,7 +35,7 @@ _MAX_WIDTH = Fraction(1, 10**4)  # beyond, a fraction may be near to a coefficie
 class Correction:
     """A change of one coefficient that solves all conditions to a higher order."""
 
-    name: str  # of the coefficient, such as a_6,3
+    name: str  # name of the coefficient, such as a_6,3
     given: str  # its text
     value: str  # the text that it should have
     order: int  # with this value

@@ -14,7 +14,7 @@ from cg.construction.formats.code import (
 )
 from cg.construction.formats.digits import Numbers
 from cg.frames.base import Frame
-from cg.frames.inertia import times
+from cg.frames.inertia import rows_times
 from cg.frames.phase_space import PhaseSpace
 from cg.support.shared_numbers import BlockKind, BlockOption
 
@@ -43,7 +43,7 @@ def with_free_motion(numbers: Numbers, frame: PhaseSpace) -> str:
         if body.sphere:
             raise ValueError(f"frame must be a phase space without spheres, got {frame!r}")
         if body.top is None:
-            constants, v = times(np.eye(size), body.inverse), f"v[{first} + i]"
+            constants, v = rows_times(np.eye(size), body.inverse), f"v[{first} + i]"
             lines.append(f"""for (int i = 0; i < {size}; i++) {{
         {v} = 0;
         for (int k = 0; k < {size}; k++)

@@ -95,7 +95,7 @@ def write(
         "errors": len(program.errors),
         "lower": program.lower_order,
         "flows": flows,
-        # the heading is filled in last, as users write it: it may look like a place
+        # last, so that text of the user that looks like ``@name@`` stays as it is
         "heading": comment(program.heading, mark),
     }
     return fill(template(*templates), substitutions, conditions)

@@ -45,7 +45,7 @@ _ITERATIONS = {7: 200, 8: 350}  # limit for a start, by order
 _ITERATIONS_BELOW = 150  # in lower orders
 _STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
 _EXACT = 1e-33  # largest residual of a method
-_DENOMINATOR_DIGITS = 8  # of rational numbers that are recognised from their rounded values
+_DENOMINATOR_DIGITS = 8  # digits of the largest denominators that are recognised
 
 _FIRST_ITERATIONS = 60  # after a merge; most successful ones need fewer
 _FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations

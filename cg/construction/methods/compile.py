@@ -15,7 +15,7 @@ from cg.construction.methods.paths import MethodPaths, error_power, paths_of, po
 from cg.construction.methods.splitting import Splitting
 from cg.tables.table import Kind, MethodTable
 
-_MIN_DIFFERENCE = 1e-6  # smallest useful one of elementary weights of both results of a pair
+_MIN_DIFFERENCE = 1e-6  # least difference of elementary weights of two results that make a pair
 
 
 def compiled(method: Method) -> MethodTable:

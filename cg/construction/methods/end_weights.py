@@ -27,14 +27,14 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.points import PointTree
 from cg.construction.trees import forest
-from cg.support.caches import cached
+from cg.support.caches import cached_by_identity
 
 Matrix = NDArray[np.float64]
 
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _NO_SIZE = 1e-10  # singular values, and squared weights at the end, that are rounding
 _SHARE = Fraction(1, 5)  # estimate of a jump just after the last node, relative to its error
-_SIZE = 1 / 3  # size of `kink_weights` in third weights: errors of kinks are at most 34 estimates
+_SIZE = 1 / 3  # sum of magnitudes of `kink_weights`, relative to that of the third weights
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class EndWeights:
     factor: Fraction  # factor of the estimate: a fifth of the time after the last node
 
 
-@cached
+@cached_by_identity
 def end_weights(method: Method) -> EndWeights | None:
     """Return the weights for an explicit pair that doesn't see the end of a step, else None."""
     order, second = method.order, method.embedded_order
@@ -69,12 +69,12 @@ def end_weights(method: Method) -> EndWeights | None:
     return EndWeights(weights, _SHARE * Fraction(1.0 - method.c.max()))
 
 
-@cached
+@cached_by_identity
 def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
     """Return the weights of stages for kinks in a pair with two more results, else None.
 
     They satisfy the conditions for commuting flows as the third result does; the sum of their
-    magnitudes is a third of the sum for the third weights.
+    magnitudes is a third of that of the third weights: errors of kinks are at most 34 estimates.
     """
     second, third = method.embedded_order, method.third_order
     if isinstance(method, MagnusMethod) or not method.explicit or second is None or third is None:

@@ -1,4 +1,4 @@
-r"""How well the error estimate of a pair sees the error of its step.
+r"""Largest ratio of the error of a step to the error estimate of a pair.
 
 The test problem is a constant generator X with a perturbation, :math:`F(t) = X + ε (t/h)^j V` with
 :math:`\operatorname{ad}_X V = iφ V`: the step turns by φ radians. To first order in ε, a result
@@ -42,7 +42,6 @@ from cg.construction.methods.paths import paths_of
 from cg.construction.methods.reference_step import End, take_paths, with_weights
 from cg.frames.algebra import bernoulli_terms
 from cg.support.shared_numbers import ERROR_ESTIMATE, EstimateForm
-from cg.tables import MAX_ANGLE
 
 Vector = NDArray[Any]
 
@@ -50,6 +49,7 @@ MAX_RATIO = 10.0
 """Largest ratio of error to estimate of a pair whose estimate can be relied on."""
 
 _MAX_TURN = 6.0  # largest angle of Munthe-Kaas methods: dexp⁻¹ exists below 2π
+_MAX_ANGLE = ERROR_ESTIMATE["max_angle"]  # of other methods
 _POWERS = range(1, 5)  # powers of time in the perturbation
 _STEP = 0.025  # step between angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
@@ -62,16 +62,16 @@ _BASES = _CONSTANT, np.array([0.0, 2.0]), np.array([0.0, 6.0, -6.0]), np.array([
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
-    The steps turn by up to `MAX_ANGLE` radians (of Munthe-Kaas methods by less than a turn), with
+    The steps turn by up to `_MAX_ANGLE` radians (of Munthe-Kaas methods by less than a turn), with
     perturbations by the powers 1 to 4 of time; further steps integrate powers of time alone, up to
     the order plus 4.
     """
     if method.embedded_order is None:
         return None
     if isinstance(method, MagnusMethod):
-        return max(_max_ratio(method, MAX_ANGLE, base) for base in _BASES)
+        return max(_max_ratio(method, _MAX_ANGLE, base) for base in _BASES)
     if not isinstance(method, MuntheKaas):
-        return _max_ratio(method, MAX_ANGLE)
+        return _max_ratio(method, _MAX_ANGLE)
     series = method.advancing_method.order, None
     return max(_max_ratio(method, _MAX_TURN, powers=powers) for powers in series)
 

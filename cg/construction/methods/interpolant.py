@@ -82,7 +82,7 @@ from cg.construction.methods.paths import MethodPaths, collocation_polynomial
 from cg.construction.methods.splitting import Splitting
 from cg.construction.trees import density, node_count, rooted_trees_through
 from cg.support.arrays import Array
-from cg.support.caches import cached
+from cg.support.caches import cached_by_identity
 from cg.tables import basis_polynomials, stored_table
 from cg.tables.table import InterpolantScheme
 
@@ -155,7 +155,7 @@ class Extension(NamedTuple):
     basis: Array
 
 
-@cached
+@cached_by_identity
 def extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas) and not method.explicit:

@@ -38,7 +38,7 @@ from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau
 from cg.construction.points import START, PointTree
 from cg.support.arrays import Array
-from cg.support.caches import cached
+from cg.support.caches import cached_by_identity
 from cg.support.shared_numbers import EstimateForm
 
 _TIME_ROUNDING = Fraction(1, 10**14)  # error of the sum of drifts
@@ -148,7 +148,7 @@ def error_power(method: Method) -> int:
     return max((method.order - second) // (second - third), 1)
 
 
-@cached
+@cached_by_identity
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method."""
     if isinstance(method, Splitting):
@@ -243,7 +243,7 @@ def _splitting_paths(method: Splitting) -> MethodPaths:
     )  # fmt: skip
 
 
-@cached
+@cached_by_identity
 def polynomial_paths(method: Method) -> MethodPaths | None:
     """Return the flow along the polynomial that interpolates coefficients at the nodes of a method.
 

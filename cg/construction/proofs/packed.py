@@ -215,7 +215,7 @@ class PackedSplitting(PackedMethod):
     These are the first half of a symmetric method; of a composition of leapfrog those of its inner
     row, as the outer row has the means of its neighbours.
 
-    The logarithm of a step is a series in the Lie algebra of T and V (see `nystrom`), graded by the
+    The logarithm of a step is a series in the Lie algebra of T and V, graded by the
     number of letters. Let :math:`T + V + L_q + \dots` be that of a method of order q - 1. Then the
     residual of a tree with q nodes is a linear function of :math:`L_q`, a combination of brackets
     of q letters, and all of them vanish if those of a basis do. In a symmetric step the even terms
@@ -234,7 +234,7 @@ class PackedSplitting(PackedMethod):
     """
 
     size: int  # number of coefficients, of the inner row alone in a composition
-    indices: tuple[int, ...]  # of the coefficients in the order of a step
+    indices: tuple[int, ...]  # places of the coefficients in a step
     symmetric: bool
     inner: int | None  # the row of γ if this is a composition: 0 for drifts, 1 for kicks
 

@@ -74,10 +74,10 @@ class Candidate:
         return float(np.linalg.norm(core_calls.residuals(*self.next_order)))
 
     @property
-    def blind(self) -> bool:
-        """Whether the method is a pair of results of one order, to which equal stages lead.
+    def estimate_vanishes(self) -> bool:
+        """Whether the error estimate of a pair is next to zero: both results have order q.
 
-        The size of the estimate is the norm of the residuals of order q of the second result.
+        Equal stages lead to it. Its size is the norm of the second result's residuals of order q.
         """
         layout, order = self.system.layout, self.system.order
         if not layout.pair:
@@ -171,7 +171,7 @@ class Reduction:
         if not (solved(candidate) and candidate.max_coefficient <= self.max_coefficient):
             return False
         refined, _, bound = _refined(candidate)
-        return refined.max_residual <= bound and not candidate.blind
+        return refined.max_residual <= bound and not candidate.estimate_vanishes
 
     def eliminate(self, candidate: Candidate, size: str, number: int) -> Candidate:
         """Drop ``"stages"`` or ``"flows"`` one by one until `number` are left, or none can be.

@@ -122,7 +122,7 @@ class Requirements:
     def method(self, candidate: Candidate, *, name: str, source: str) -> Method | None:
         """Return the refined method of a candidate that satisfies the requirements, or None."""
         improved = self.improve(candidate)
-        if improved is None or improved.blind:
+        if improved is None or improved.estimate_vanishes:
             return None
         source += ", then along the solution set" * (improved is not candidate)
         try:

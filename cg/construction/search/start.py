@@ -36,7 +36,7 @@ class SolverCall:
     """The result of one call of a solver."""
 
     f: float  # sum of squared residuals, or a bound of it
-    info: int  # a `Status` or `MinimumNormStatus`
+    info: int  # a `LmdifStatus` or `MinimumNormStatus`
     nfev: int  # evaluations of residuals
 
 

@@ -25,7 +25,12 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.facts import facts_of
 from cg.frames.linear_action import LinearAction
-from cg.integration.derivatives.adjoint_equation import AdjointEquation, Gradient, Intervals, solve
+from cg.integration.derivatives.adjoint_equation import (
+    AdjointEquation,
+    Gradient,
+    Intervals,
+    solve_intervals,
+)
 from cg.integration.derivatives.variational_equation import (
     count_parameters,
     parameter_differences,
@@ -223,7 +228,7 @@ class Adjoint:
         edges = edges[(edges >= start) & (edges <= end)]
         if start == end:
             edges = np.repeat(edges, 2)
-        return solve(self._equation, sign * edges)
+        return solve_intervals(self._equation, sign * edges)
 
 
 def _map_arrays(function: Callable[..., Points], *results: Any) -> Any:
@@ -280,10 +285,12 @@ def with_linear_adjoint(problem: Problem, df_dp: Any) -> Problem:
     if callable(df_dp):
         df_dp = TimeFunction(df_dp)
     derivative = derivative_of(df_dp, "df_dp", frame, shape, rhs.vectorized, rhs.extra.inputs)
-    return with_adjoint(problem, partial(_equation, problem, derivative))
+    return with_adjoint(problem, partial(_linear_equation, problem, derivative))
 
 
-def _equation(problem: Problem, df_dp: Derivative | None, sol: DenseOutput) -> AdjointEquation:
+def _linear_equation(
+    problem: Problem, df_dp: Derivative | None, sol: DenseOutput
+) -> AdjointEquation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
     count, inputs = problem.rhs.extra.parameter_count, problem.rhs.extra.inputs
     linearisation = partial(_linearisation, problem.rhs, df_dp, problem.points[0])
@@ -343,9 +350,9 @@ def _differences(rhs: Rhs, times: Array, point: Points) -> Array:
     count, width = len(row), 0 if inputs is None else inputs.width
 
     def coefficients(numbers: Array) -> Array:
-        changed = numbers[None, :count] if count else None
+        own_parameters = numbers[None, :count] if count else None
         curves = None if inputs is None else inputs.shifted(numbers[count:])
-        shifted = rhs.with_data(rhs.extra._replace(parameters=changed, inputs=curves))
+        shifted = rhs.with_data(rhs.extra._replace(parameters=own_parameters, inputs=curves))
         return _coefficients(shifted, times, point)
 
     scales = np.zeros(count) if inputs is None else np.append(np.zeros(count), inputs.scales)

@@ -29,7 +29,7 @@ _INTEGRALS = (
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _MAX_BISECTIONS = 20  # largest number of bisections of an interval
 _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
-_MAX_UNRESOLVED = 8  # largest number of unresolved intervals, per edge that `solve` is given
+_MAX_UNRESOLVED = 8  # largest number of unresolved intervals per edge, of `solve_intervals`
 _MIN_BISECTED = 64  # units of rounding of time in an interval that can be bisected
 _SAME_EDGE = 8  # units of rounding between edges that coincide: nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
@@ -148,7 +148,7 @@ def _unresolved(values: Points) -> Array:
     return np.asarray(high * np.minimum(high / np.maximum(low, np.finfo(float).tiny), 1.0))
 
 
-def solve(equation: AdjointEquation, edges: Array) -> list[Intervals]:
+def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
     """Return the intervals between times, bisected until the estimates are below the tolerance.
 
     They aren't sorted. ValueError is raised if bisection doesn't reach the tolerance.

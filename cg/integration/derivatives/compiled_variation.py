@@ -14,9 +14,9 @@ from cg.integration.derivatives.variational_equation import DIFFERENCE_STEP, Var
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.form import RhsForm, templates_of
-from cg.integration.rhs.inputs import DataReader, ExtraArguments, address
+from cg.integration.rhs.inputs import DataReader, ExtraArguments
 from cg.integration.rhs.python import CALL_PYTHON, CALL_VARIATIONAL, Derivative, call_context
-from cg.support.arrays import Array, Points, read_only
+from cg.support.arrays import Array, Points, address_of, read_only
 from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
 
@@ -67,7 +67,7 @@ class CompiledVariation(CompiledRhs):
     @property
     def data_address(self) -> int:
         """Address of the parameters of the first member."""
-        return address(self.data) + 8
+        return address_of(self.data) + 8
 
 
 def compiled_variation(
@@ -84,7 +84,7 @@ def compiled_variation(
     scales = np.zeros(plain_count + shared_record.inputs)
     if inputs is not None:
         scales[plain_count:] = inputs.scales
-    shared_record.scales = address(scales)
+    shared_record.scales = address_of(scales)
     rows = np.zeros((members, 1 + plain_count + shared_record.inputs))
     parameters, values = rows[:, 1 : 1 + plain_count], rows[0, 1 + plain_count :]
     count = members if in_python else 1
@@ -156,11 +156,11 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
         forces_alone=equation.forces_alone, noises=0 if noise is None else equation.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
-    directions = None
-    if (chosen := equation.chosen) is not None:
+    parameter_parts = None
+    if (matrix := equation.directions) is not None:
         # a row for each direction; arrays can't be empty
-        directions = np.append(chosen[equation.frame.dim :].T.ravel(), 0.0)
-        record.directions, record.by_parameters = chosen.shape[1], address(directions)
+        parameter_parts = np.append(matrix[equation.frame.dim :].T.ravel(), 0.0)
+        record.directions, record.by_parameters = matrix.shape[1], address_of(parameter_parts)
     in_python = []
     for each in _functions(equation):
         if isinstance(each.function, CompiledRhs):
@@ -169,7 +169,7 @@ def _shared_entries(equation: VariationalEquation, plan: Plan) -> _SharedEntries
         else:
             setattr(record, each.name, CALL_PYTHON)
             in_python.append(each)
-    return _SharedEntries(record, in_python, (structure, directions))
+    return _SharedEntries(record, in_python, (structure, parameter_parts))
 
 
 def _functions(equation: VariationalEquation) -> list[_Function]:
@@ -188,7 +188,7 @@ def _functions(equation: VariationalEquation) -> list[_Function]:
             return equation.differences(t, y, arguments)
 
         function = _Function("jac", difference, (frame.dim, frame.dim), _unchecked)
-        if equation.chosen is not None:
+        if equation.directions is not None:
             shape = frame.dim, equation.direction_count
             function = _Function("along", equation.differences_along, shape, _unchecked)
         functions.append(function)

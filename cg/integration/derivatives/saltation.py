@@ -29,7 +29,7 @@ _ONE_SIDED_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 _MIN_CENTRAL = 2e-3
 # a derivative that is smaller than this, relative to slopes between values, is rounding
 _MIN_RATE = 1e-8
-# relative distance of a zero from a bound at which it was found: a part of a step, at most the span
+# largest distance of an event from the bound that causes it, relative to its time or the span
 _SAME_TIME = 64.0 * float(np.finfo(np.float64).eps)
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
@@ -232,7 +232,7 @@ class VariationalEvents(EventTable):
     ) -> tuple[float, Array, Array]:
         """Return the unit of differences by time, at most ``unit``, their steps and weights."""
         steps, weights = CENTRAL_STEPS, CENTRAL_WEIGHTS
-        elapsed, remaining = self._room(t, arguments)
+        elapsed, remaining = self._times_to_bounds(t, arguments)
         near, far = sorted((elapsed, remaining))
         # steps reach two units to both sides, or four units to one, and stay a hundredth within
         if near >= _MIN_CENTRAL * far:
@@ -244,7 +244,7 @@ class VariationalEvents(EventTable):
         unit = ((t + _STEP * unit) - t) / _STEP or unit  # without rounding of times
         return unit, steps, weights
 
-    def _room(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
+    def _times_to_bounds(self, t: float, arguments: tuple[Any, ...]) -> tuple[float, float]:
         """Return the times since the last bound and to the next, or to the ends of the inputs."""
         bounds = self.bounds
         elapsed = t - float(bounds[bounds < t].max(initial=-math.inf))

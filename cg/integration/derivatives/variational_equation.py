@@ -51,7 +51,7 @@ class VariationalEquation:
     vectorized: bool = False  # whether the functions take points of several members in one call
     input_count: int = 0  # number of the parameters that are values of inputs
     noise: Derivative | Array | None = None  # spectral density of noise
-    chosen: Array | None = None  # directions in initial coordinates and parameters, columns
+    directions: Array | None = None  # chosen ones in initial coordinates and parameters, columns
     # whether forces alone make the coefficients, as a splitting method takes them: the tangents of
     # drifts are in fortran/frames/gyroscopic.f90
     forces_alone: bool = False
@@ -72,8 +72,8 @@ class VariationalEquation:
     @property
     def direction_count(self) -> int:
         """Number of columns that are derivatives of the solution."""
-        chosen = self.chosen
-        return self.frame.dim + self.parameter_count if chosen is None else chosen.shape[1]
+        n, directions = self.frame.dim, self.directions
+        return n + self.parameter_count if directions is None else directions.shape[1]
 
     @property
     def column_count(self) -> int:
@@ -83,8 +83,8 @@ class VariationalEquation:
     @property
     def has_point_directions(self) -> bool:
         """Whether the chosen directions are those of all initial coordinates."""
-        n, chosen = self.frame.dim, self.chosen
-        return chosen is not None and np.array_equal(chosen, np.eye(n + self.parameter_count, n))
+        of_points = np.eye(self.frame.dim + self.parameter_count, self.frame.dim)
+        return self.directions is not None and np.array_equal(self.directions, of_points)
 
     def along_directions(self, derivatives: Array) -> Array:
         """Return derivatives with respect to parameters along the directions.
@@ -92,8 +92,8 @@ class VariationalEquation:
         The shape is ``(..., directions)``, of derivatives with respect to all parameters
         ``(..., k)``.
         """
-        if self.chosen is not None:
-            return derivatives @ self.chosen[self.frame.dim :]
+        if self.directions is not None:
+            return derivatives @ self.directions[self.frame.dim :]
         none = np.zeros((*derivatives.shape[:-1], self.frame.dim))
         return np.concatenate([none, derivatives], axis=-1)
 
@@ -102,11 +102,11 @@ class VariationalEquation:
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
-        n, chosen = self.frame.dim, self.chosen
+        n, directions = self.frame.dim, self.directions
         doubles = np.ascontiguousarray(y).reshape(len(y), -1).view(np.float64)
         z = np.empty((len(y), *self.product.point_shape))
         z[:, : doubles.shape[1]] = doubles
-        x = np.eye(n, self.column_count) if chosen is None else chosen[:n]
+        x = np.eye(n, self.column_count) if directions is None else directions[:n]
         z[:, doubles.shape[1] :] = x.ravel()
         return z
 
@@ -198,8 +198,8 @@ class VariationalEquation:
         """
         y, x = self.split(z)
         shifts, numbers = np.zeros((x.shape[1], 0)), np.zeros(0)
-        if self.df_dp is None and self.chosen is not None and self.parameter_count:
-            shifts, numbers = self.chosen[len(x) :].T, arguments[-1]
+        if self.df_dp is None and self.directions is not None and self.parameter_count:
+            shifts, numbers = self.directions[len(x) :].T, arguments[-1]
         sizes, scales = np.maximum(self.frame.coordinate_sizes(y), 1.0), np.abs(numbers)
         scales[scales <= _VANISHING] = 1.0
 

@@ -56,14 +56,14 @@ class DerivativeSplitter:
             added = x[..., n + equation.parameter_count :]
             total = (added + added.mT) / 2 + (0.0 if total is None else total)
         fields = {"y": y, "transition": transition, "covariance": total, "sensitivity": None}
-        if equation.chosen is not None and not equation.has_point_directions:
+        if equation.directions is not None and not equation.has_point_directions:
             fields |= {"transition": None, "sensitivity": x}
-        elif equation.parameter_count and equation.chosen is None:
+        elif equation.parameter_count and equation.directions is None:
             fields["sensitivity"] = x[..., n : n + equation.parameter_count]
         stored = {name: np.ascontiguousarray(x) for name, x in fields.items() if x is not None}
         return fields | {name: read_only(array) for name, array in stored.items()}
 
-    def finish(
+    def split_solution(
         self, problem: Problem, variational: Problem, solution: EnsembleSolution
     ) -> EnsembleSolution:
         """Return the solution of a problem with its derivatives.
@@ -149,7 +149,7 @@ def _forward_problem(problem: Problem, options: Options) -> Problem:
         points=equation.start(problem.points),
         control=control,
         events=None if events is None else VariationalEvents(events, equation, _bounds(problem)),
-        finish=partial(DerivativeSplitter(equation, covariance).finish, problem),
+        split_solution=partial(DerivativeSplitter(equation, covariance).split_solution, problem),
     )
 
 
@@ -192,15 +192,15 @@ def _make_equation(problem: Problem, options: Options) -> VariationalEquation:
     noise = noise_of(options["noise"], problem)
     n, vectorized, inputs = frame.dim, rhs.vectorized, rhs.extra.inputs
     count, width = count_parameters(rhs, df_dp, options["derivatives"] == "adjoint")
-    chosen = None
+    directions = None
     if options["derivatives_by"] is not None:
-        chosen = _directions(options, n, count, noise)
+        directions = _directions(options, n, count, noise)
     return VariationalEquation(
         problem.plan.form, rhs.f if isinstance(rhs, PythonRhs) else rhs,
         derivative_of(options["jac"], "jac", frame, (n, n), vectorized, inputs),
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
-        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise, chosen=chosen,
-        forces_alone=problem.plan.table.kind is Kind.SPLITTING,
+        parameter_count=count, vectorized=vectorized, input_count=width, noise=noise,
+        directions=directions, forces_alone=problem.plan.table.kind is Kind.SPLITTING,
         one_sided=_allows_one_sided(problem, options["control_derivatives"]),
     )  # fmt: skip
 

@@ -15,7 +15,8 @@ from cg.frames.base import Frame
 from cg.integration.errors import FINISHED
 from cg.integration.plan.callbacks import Callbacks
 from cg.integration.plan.plan import Plan
-from cg.support.arrays import Array, Points, clipped, read_only, real_array, texts_of
+from cg.support.arrays import Array, Points, clipped, read_only, real_array
+from cg.support.checks import texts_of
 from cg.support.frozen import ReadOnly, filled
 from cg.support.shared_numbers import InterpolantColumn
 from cg.support.shared_records import COUNTS
@@ -76,7 +77,7 @@ class DenseOutput(ReadOnly):
         1.0 forward in time, -1.0 backward.
     y0
         Initial point.
-    marks
+    jumps
         Times of events that end steps, shape ``(k,)``, and the points after their jumps.
 
     Attributes
@@ -104,14 +105,14 @@ class DenseOutput(ReadOnly):
 
     def __init__(
         self, interpolants: Interpolants, t0: float, direction: float, y0: Points,
-        marks: tuple[Array, Points] | None = None,
+        jumps: tuple[Array, Points] | None = None,
     ) -> None:  # fmt: skip
         self.ts = read_only(np.concatenate([[t0], interpolants.ends]))
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())
         self._interpolants = interpolants
         self._y0 = y0
-        self._marks = marks
+        self._jumps = jumps
         self._direction = direction
 
     def __repr__(self) -> str:
@@ -167,7 +168,7 @@ class DenseOutput(ReadOnly):
             return np.asarray(np.repeat(self._y0[None], flat.size, axis=0))
         steps = np.searchsorted(self._direction * self.ts, self._direction * flat) - 1
         points = self._interpolants.at(np.maximum(steps, 0), flat)
-        for time, point in zip(*(self._marks or ((), ())), strict=True):
+        for time, point in zip(*(self._jumps or ((), ())), strict=True):
             points[flat == time] = point
         return points
 

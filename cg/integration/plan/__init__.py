@@ -1,1 +1,1 @@
-"""A frame and a method as compiled code reads them, and what it asks of Python."""
+"""A frame and a method as compiled code reads them, and the calls of Python by compiled code."""

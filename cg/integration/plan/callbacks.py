@@ -3,119 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from cg.frames.base import FlowOverflowError, Frame
+from cg.frames.base import FlowOverflowError
 from cg.frames.facts import Dexpinv, dexpinv_of
 from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Plan
-from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import Derivative, Rhs, derivative_of, is_matrix, when
-from cg.support.arrays import Array, Points, read_only
+from cg.integration.rhs.python import Jacobian, Rhs
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
-from cg.tables import Kind, MethodTable
-
-
-@dataclass(frozen=True, eq=False)
-class Jacobian:
-    """The Jacobian of a right-hand side.
-
-    Compiled code factors dense matrices by LAPACK; sparse ones are kept and factored here.
-    """
-
-    derivative: Derivative
-    sparse: bool = False  # whether the function returns sparse matrices of SciPy
-    constant: bool = False  # whether a matrix was given, which isn't counted as evaluated
-    lanes: int = 1  # how many members are integrated at the same time
-    # the sparse matrix and its factors by member, the latest used last
-    kept: dict[int, list[Any]] = field(default_factory=dict)
-
-    def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
-        """Return the matrix at a point, after checking it."""
-        if rhs.vectorized:
-            row = self.derivative(np.array([t]), y[None], rhs.extra.arguments(np.array([member])))
-            return row[0]
-        arguments = rhs.extra.arguments(member)
-        if not self.sparse:
-            data = data_at(t, arguments, rhs.extra.parameters is not None)
-            own = rhs.user_address if isinstance(rhs, CompiledRhs) else 0
-            return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
-        value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
-        if getattr(value, "shape", None) != shape:
-            raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
-        matrix = value.tocsc()
-        if matrix.dtype.kind not in "biuf":
-            raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
-        matrix = matrix.astype(np.float64)
-        if not np.isfinite(matrix.data).all():
-            raise ValueError(f"jac must return finite numbers, got {value!r} at {when(t)}")
-        return matrix
-
-    def evaluate(self, rhs: Rhs, member: int, t: float, y: Points, slope: Array) -> Array:
-        """Return the matrix column by column, or nothing if it is sparse and kept here."""
-        matrix = self.value(rhs, member, t, y)
-        if not self.sparse:
-            return np.asarray(matrix.T)
-        from scipy.sparse import csc_array
-
-        # stages are coordinates u with u' = dexp⁻¹_u f, whose derivative by u is -[u, f] / 2
-        brackets = self.derivative.frame.bracket(-0.5 * np.eye(len(slope)), slope).T
-        while len(self.kept) >= self.lanes and member not in self.kept:
-            del self.kept[next(iter(self.kept))]
-        self.kept[member] = [csc_array(matrix + csc_array(brackets))]
-        return np.zeros(1)
-
-    def factor(self, member: int, shifts: tuple[complex, ...]) -> Array:
-        """Factor the matrix subtracted from multiples of the identity; return 1 if it fails."""
-        from scipy.sparse import eye_array
-        from scipy.sparse.linalg import splu
-
-        matrix = self.kept.pop(member)[0]
-        self.kept[member] = [matrix]  # now the latest used
-        identity: Any = eye_array(matrix.shape[0], format="csc")
-        try:
-            self.kept[member] += [splu(shift * identity - matrix) for shift in shifts]
-        except RuntimeError:  # a singular matrix
-            return np.ones(1)
-        return np.zeros(1)
-
-    def solve(self, member: int, b: Array) -> Array:
-        """Return the solution of the real system, or of the complex one if b has 2 n numbers."""
-        _, real_solver, complex_solver = self.kept[member]
-        n = self.derivative.frame.dim
-        if len(b) == n:
-            return np.asarray(real_solver.solve(b))
-        x = complex_solver.solve(b[:n] + 1j * b[n:])
-        return np.concatenate([x.real, x.imag])
-
-
-def jacobian_of(
-    jac: Any, frame: Frame, table: MethodTable, rhs: Rhs, t: float, y: Points
-) -> Jacobian:
-    """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if table.kind is not Kind.COLLOCATION:
-        raise ValueError(
-            f"method must be 'RadauIIA5' with jac but without derivatives, got {table!r}"
-        )
-    constant, shape = is_matrix(jac), (frame.dim, frame.dim)
-    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.extra.inputs)
-    assert derivative is not None
-    sparse = False
-    if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        try:
-            sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
-        except TypeError as error:
-            error.add_note("jac is given the arguments of f")
-            raise
-    jacobian = Jacobian(derivative, sparse, constant)
-    jacobian.value(rhs, 0, t, y.copy())
-    return jacobian
 
 
 class Callbacks:

@@ -13,8 +13,8 @@ from scipy import LowLevelCallable
 from cg import _core_r64 as core
 from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments, address
-from cg.support.arrays import Array, Points
+from cg.integration.rhs.inputs import NO_EXTRA, ExtraArguments
+from cg.support.arrays import Array, Points, address_of
 from cg.support.capsules import address_in, data_in
 from cg.support.frozen import changed
 
@@ -90,7 +90,7 @@ class CompiledRhs:
     @property
     def data_address(self) -> int:
         """Address of the data of the first member."""
-        return self.user_address if self.data is None else address(self.data)
+        return self.user_address if self.data is None else address_of(self.data)
 
     def failed_name(self, member: int) -> str | None:
         """Return the name of the function that failed last, of a member."""
@@ -181,16 +181,16 @@ def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
         raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
     # the first item is a capsule, whose context is the address of the user's data
     capsule = tuple.__getitem__(source, 0)
-    requires_data = _words(source.signature).endswith(",double*)")
+    requires_data = _compact(source.signature).endswith(",double*)")
     addresses = address_in(capsule), data_in(capsule)
     return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 
-def _words(signature: str | None) -> str:
+def _compact(signature: str | None) -> str:
     """Return a signature without spaces and ``const``."""
     return (signature or "").replace("const", "").replace(" ", "")
 
 
 def _fits(signature: str | None, expected: str) -> bool:
-    head, _, data = _words(signature).rpartition(",")
+    head, _, data = _compact(signature).rpartition(",")
     return head == expected.replace(" ", "").rpartition(",")[0] and data.endswith("*)")

@@ -1,4 +1,4 @@
-"""Compiled right-hand sides that can be pickled: functions of shared libraries."""
+"""Functions that users give: their type, functions of shared libraries, functions of time."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,23 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.integration.rhs.samples import Samples
-from cg.support.arrays import Array, check_finite, real_array
+from cg.support.arrays import Array, address_of, check_finite, real_array
 from cg.support.shared_records import INPUT, columns_of
 from cg.tables import MethodTable
 
 _ABSCISSA_ERROR = 1e-15  # largest rounding error of an abscissa
 
 
-def address(array: Any) -> int:
-    """Return the address of an array, for a writeable one in less time than ``ctypes`` takes."""
-    if array.flags.writeable and array.size:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))
-    return int(array.ctypes.data)
-
-
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of an integration: samples of one or of several rates."""
+    """The inputs of an integration: one curve through samples, or several with their own times."""
 
     curves: tuple[Samples, ...]
     in_tuple: bool  # whether functions get a tuple of values, as the user passed a tuple
@@ -92,7 +84,7 @@ class Inputs:
         for k, curve in enumerate(self.curves):
             starts, numbers = curve._edges, curve._numbers
             stride = numbers[0].nbytes if curve.members else 0
-            rows[k] = *numbers.shape[-3:], offset, address(starts), address(numbers), stride
+            rows[k] = *numbers.shape[-3:], offset, address_of(starts), address_of(numbers), stride
             offset += numbers.shape[-1]
         return rows
 

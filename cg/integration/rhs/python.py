@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array as typed_array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,10 +17,11 @@ from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, call_rhs, compiled_rhs
 from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import ExtraArguments, Inputs, WithInput
+from cg.integration.rhs.inputs import ExtraArguments, Inputs, WithInput, data_at
 from cg.support.arrays import Array, Points, complex_array, conversion_hint, read_only, real_array
 from cg.support.checks import short
 from cg.support.frozen import filled
+from cg.tables import Kind, MethodTable
 
 # addresses of functions in C that call one of Python, and functions of a variational equation
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
@@ -81,13 +82,14 @@ class RhsCheck:
 
     def __init__(self, f: Any, form: RhsForm, vectorized: bool = False) -> None:
         self.form, self.vectorized = form, vectorized
-        self.of_time = isinstance(f.function if isinstance(f, WithInput) else f, TimeFunction)
-        self.rows = ("time" if self.of_time else "member") if vectorized else ""
+        function = f.function if isinstance(f, WithInput) else f
+        self.takes_no_point = isinstance(function, TimeFunction)
+        self.rows = ("time" if self.takes_no_point else "member") if vectorized else ""
 
     def hint(self, shape: tuple[int, ...]) -> str:
         """Return the advice on a value of another shape, an empty text without any."""
         frame = self.form.frame
-        if self.of_time:
+        if self.takes_no_point:
             vee = f"; vee of {frame!r} makes those of a matrix of its Lie algebra"
             return vee if hasattr(frame, "vee") else ""
         # forces on phase spaces are no coefficients of all fields
@@ -113,7 +115,7 @@ class CallContext(NamedTuple):
     like_result: Points  # an array of the shape and the type of its results
     check: Any  # check(value, t, y) returns other than plain results as an array, or raises
     spare: list[Any]  # arrays of the call before: the point, and numbers that change
-    of_time: bool  # whether it takes no point
+    takes_no_point: bool
     with_input: bool  # whether it gets the value of its first argument, a function of time
     changing: bool  # whether numbers of the last argument change, so that it gets copies
 
@@ -122,7 +124,7 @@ class CallContext(NamedTuple):
         args = _with_reader(args) if self.with_input else args
         entries = (
             self.function, args, self.like_point, self.like_result, self.check, [None, None],
-            self.of_time, self.with_input, self.changing,
+            self.takes_no_point, self.with_input, self.changing,
         )  # fmt: skip
         return tuple.__new__(CallContext, entries)  # in less time than by _replace
 
@@ -140,11 +142,11 @@ def call_context(
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, _with_reader(args)
-    of_time = isinstance(function, TimeFunction)
-    if of_time:
+    takes_no_point = isinstance(function, TimeFunction)
+    if takes_no_point:
         function = function.function
-    spare: list[Any] = [None, None]
-    return CallContext(function, args, *templates, check, spare, of_time, with_input, changing)
+    flags = takes_no_point, with_input, changing
+    return CallContext(function, args, *templates, check, [None, None], *flags)
 
 
 class Contexts:
@@ -201,10 +203,10 @@ class PythonRhs(Contexts):
 
     def with_data(self, extra: ExtraArguments) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        changed = filled(PythonRhs, vars(self) | {"extra": extra})
+        rhs = filled(PythonRhs, vars(self) | {"extra": extra})
         first = self.contexts[0].with_arguments(extra.arguments(0))
-        changed._connect(first, extra, None if self.vectorized else extra.members)
-        return changed
+        rhs._connect(first, extra, None if self.vectorized else extra.members)
+        return rhs
 
     def on_form(self, form: RhsForm) -> PythonRhs:
         """Return the function on another frame of the same points."""
@@ -212,7 +214,8 @@ class PythonRhs(Contexts):
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
-        names = ["t", "y"][: 2 - self.check.of_time] + ["u"] * (self.extra.inputs is not None)
+        names = ["t"] if self.check.takes_no_point else ["t", "y"]
+        names += ["u"] * (self.extra.inputs is not None)
         names += [f"args[{k}]" for k in range(len(self.extra.args))]
         names += ["parameters"] * (self.extra.parameters is not None)
         where, shape = f"at t = {t:.17g}", str(self.form.frame.point_shape)
@@ -220,7 +223,7 @@ class PythonRhs(Contexts):
             shape = f"{('k', *self.form.frame.point_shape)}, and t of shape (k,)".replace("'", "")
         elif self.extra.first_member is not None:
             where += f" in member {self.extra.first_member + member}"
-        with_shape = f" with y of shape {shape}" * (not self.check.of_time)
+        with_shape = f" with y of shape {shape}" * (not self.check.takes_no_point)
         return f"{where}; f is given ({', '.join(names)}){with_shape}"
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
@@ -324,3 +327,99 @@ def derivative_of(
     if compiled is None and inputs is not None:
         function = WithInput(function)
     return kind(name, compiled or function, frame, shape, vectorized)
+
+
+@dataclass(frozen=True, eq=False)
+class Jacobian:
+    """The Jacobian of a right-hand side.
+
+    Compiled code factors dense matrices by LAPACK; sparse ones are kept and factored here.
+    """
+
+    derivative: Derivative
+    sparse: bool = False  # whether the function returns sparse matrices of SciPy
+    constant: bool = False  # whether a matrix was given, which isn't counted as evaluated
+    lanes: int = 1  # how many members are integrated at the same time
+    # the sparse matrix and its factors by member, the latest used last
+    kept: dict[int, list[Any]] = field(default_factory=dict)
+
+    def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
+        """Return the matrix at a point, after checking it."""
+        if rhs.vectorized:
+            row = self.derivative(np.array([t]), y[None], rhs.extra.arguments(np.array([member])))
+            return row[0]
+        arguments = rhs.extra.arguments(member)
+        if not self.sparse:
+            data = data_at(t, arguments, rhs.extra.parameters is not None)
+            own = rhs.user_address if isinstance(rhs, CompiledRhs) else 0
+            return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
+        value, shape = self.derivative.function(t, read_only(y), *arguments), self.derivative.shape
+        if getattr(value, "shape", None) != shape:
+            raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
+        matrix = value.tocsc()
+        if matrix.dtype.kind not in "biuf":
+            raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
+        matrix = matrix.astype(np.float64)
+        if not np.isfinite(matrix.data).all():
+            raise ValueError(f"jac must return finite numbers, got {value!r} at {when(t)}")
+        return matrix
+
+    def evaluate(self, rhs: Rhs, member: int, t: float, y: Points, slope: Array) -> Array:
+        """Return the matrix column by column, or nothing if it is sparse and kept here."""
+        matrix = self.value(rhs, member, t, y)
+        if not self.sparse:
+            return np.asarray(matrix.T)
+        from scipy.sparse import csc_array
+
+        # stages are coordinates u with u' = dexp⁻¹_u f, whose derivative by u is -[u, f] / 2
+        brackets = self.derivative.frame.bracket(-0.5 * np.eye(len(slope)), slope).T
+        while len(self.kept) >= self.lanes and member not in self.kept:
+            del self.kept[next(iter(self.kept))]
+        self.kept[member] = [csc_array(matrix + csc_array(brackets))]
+        return np.zeros(1)
+
+    def factor(self, member: int, shifts: tuple[complex, ...]) -> Array:
+        """Factor the matrix subtracted from multiples of the identity; return 1 if it fails."""
+        from scipy.sparse import eye_array
+        from scipy.sparse.linalg import splu
+
+        matrix = self.kept.pop(member)[0]
+        self.kept[member] = [matrix]  # now the latest used
+        identity: Any = eye_array(matrix.shape[0], format="csc")
+        try:
+            self.kept[member] += [splu(shift * identity - matrix) for shift in shifts]
+        except RuntimeError:  # a singular matrix
+            return np.ones(1)
+        return np.zeros(1)
+
+    def solve(self, member: int, b: Array) -> Array:
+        """Return the solution of the real system, or of the complex one if b has 2 n numbers."""
+        _, real_solver, complex_solver = self.kept[member]
+        n = self.derivative.frame.dim
+        if len(b) == n:
+            return np.asarray(real_solver.solve(b))
+        x = complex_solver.solve(b[:n] + 1j * b[n:])
+        return np.concatenate([x.real, x.imag])
+
+
+def jacobian_of(
+    jac: Any, frame: Frame, table: MethodTable, rhs: Rhs, t: float, y: Points
+) -> Jacobian:
+    """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
+    if table.kind is not Kind.COLLOCATION:
+        raise ValueError(
+            f"method must be 'RadauIIA5' with jac but without derivatives, got {table!r}"
+        )
+    constant, shape = is_matrix(jac), (frame.dim, frame.dim)
+    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.extra.inputs)
+    assert derivative is not None
+    sparse = False
+    if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
+        try:
+            sparse = hasattr(derivative.function(t, y.copy(), *rhs.extra.arguments(0)), "tocsc")
+        except TypeError as error:
+            error.add_note("jac is given the arguments of f")
+            raise
+    jacobian = Jacobian(derivative, sparse, constant)
+    jacobian.value(rhs, 0, t, y.copy())
+    return jacobian

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.support.arrays import Array, check_finite, read_only, real_array, texts_of
-from cg.support.checks import check_choice, check_flag, check_number
+from cg.support.arrays import Array, check_finite, read_only, real_array
+from cg.support.checks import check_choice, check_flag, check_number, texts_of
 from cg.support.frozen import ReadOnly
 
 _LINE_ROUNDING = 4 * float(np.finfo(float).eps)  # relative error of times and values of lines

@@ -107,8 +107,8 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     return _STIFF if near_limit else None
 
 
-def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
-    """Advance all members to their ends; ``watch`` gets the time covered by all together."""
+def drive(run: Run, report: Callable[[float], None] | None, warn: Callable[[str], None]) -> None:
+    """Advance all members to their ends; ``report`` gets the time covered by all together."""
     budget, check = StepBudget(), None
     while True:
         steps = budget.start()
@@ -116,9 +116,9 @@ def drive(run: Run, watch: Callable[[float], None] | None, warn: Callable[[str],
             steps = min(steps, check.steps_left())
         taken = run.call(steps)
         raise_if_stopped()
-        if watch is not None:
+        if report is not None:
             with np.errstate(over="ignore"):  # members may have no end
-                watch(float(np.abs(run.reached - run.t0).sum()))
+                report(float(np.abs(run.reached - run.t0).sum()))
         if run.record.ended == run.members:
             return
         check = check or StepCheck(run, warn)

@@ -132,7 +132,7 @@ def _not_finite(run: Run, member: int) -> str:
 
 def _got(run: Run, member: int, t: float) -> str:
     """Return the result of ``f`` at the start, since the points of later stages are unknown."""
-    if t != run.t0 or run.problem.finish is not None:  # a result with derivatives would hold these
+    if t != run.t0 or run.problem.split_solution is not None:  # a result would hold derivatives
         return ""
     value = run.rhs.result(member, t, run.plan.points(run.end[member].copy(), ()))
     return "" if np.isfinite(value).all() else f", got {short(value)}"

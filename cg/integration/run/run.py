@@ -1,6 +1,6 @@
 """Runs: trajectories of any number of members, advanced by compiled code.
 
-Python passes numbers and addresses in one record (`RECORD` of `cg.support.shared_records`). A call
+Python passes numbers and addresses in one record (`RUN` of `cg.support.shared_records`). A call
 of compiled code returns when all members have ended, or the budget of steps is used up; then Python
 collects what is stored of steps and calls again.
 """
@@ -20,7 +20,7 @@ from cg.integration.plan.callbacks import Callbacks
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs, Rhs
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Array, Points, address_of
 from cg.support.memory import check_memory
 from cg.support.shared_numbers import (
     EventColumn,
@@ -30,7 +30,7 @@ from cg.support.shared_numbers import (
     RhsFlag,
     Stored,
 )
-from cg.support.shared_records import COUNTERS, COUNTS, RECORD, STATE, fields_of
+from cg.support.shared_records import COUNTERS, COUNTS, RUN, STATE, fields_of
 from cg.tables import Kind
 
 _READ_ONLY = re.compile("read-?only|not writ")  # in messages of NumPy and of Cython
@@ -39,13 +39,13 @@ _LANES = 1024  # largest number of members integrated at the same time by a vect
 _STEPS, _INTERPOLANTS, _EVENTS = map(int, Stored)
 _ALL = slice(None)
 _INTERPOLANT_COLUMNS, _EVENT_COLUMNS = len(InterpolantColumn), len(EventColumn)
-_FAILED = {int(RhsFlag.OBSERVER_FAILED): "observe", int(RhsFlag.SIZE_FAILED): "step_function"}
+_FAILED = {RhsFlag.OBSERVER_FAILED: "observe", RhsFlag.STEP_FUNCTION_FAILED: "step_function"}
 
 
 class RunRecord(ctypes.Structure):
     """The record of a run in compiled code."""
 
-    _fields_ = fields_of(RECORD)
+    _fields_ = fields_of(RUN)
 
 
 class Run:
@@ -76,7 +76,7 @@ class Run:
             lanes = members if problem.common_steps else _LANES if problem.vectorized else 1
         self._lanes = min(lanes, members)
         events, jacobian = problem.events, problem.jacobian
-        self._functions = 0 if events is None else len(events)
+        self._event_count = 0 if events is None else len(events)
         if jacobian is not None:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
@@ -114,7 +114,7 @@ class Run:
         record.of_time, record.vectorized = problem.linear, self.rhs.vectorized
         record.context = id(self.callbacks)
         if events is not None:
-            record.event_functions, record.event_width = self._functions, events.width
+            record.event_functions, record.event_width = self._event_count, events.width
         in_coordinates = record.in_coordinates = control.h is not None or problem.in_coordinates
         record.reals_per_entry = 1 if in_coordinates else plan.reals_per_entry
         if control.rtol.ndim:
@@ -125,9 +125,10 @@ class Run:
         record.max_step, record.max_steps = control.max_step, control.max_steps
         record.every, record.exponent = problem.every, plan.step_table.exponent
         record.keeps_points, record.dense = problem.keeps_points, problem.dense_output
-        bath = problem.thermostat
-        for name, number in ({} if bath is None else {"heated": True, **vars(bath)}).items():
-            setattr(record, name, number)
+        if problem.thermostat is not None:
+            record.heated = True
+            for name, number in vars(problem.thermostat).items():
+                setattr(record, name, number)
         return record
 
     def _jacobian_kind(self) -> JacobianKind:
@@ -153,7 +154,7 @@ class Run:
         ``solver_size`` is the number of doubles that the solver of implicit stages keeps.
         """
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
-        interpolates = problem.dense_output or record.outputs or self._functions or record.keep_last
+        interpolates = record.dense or record.outputs or self._event_count or record.keep_last
         if interpolates and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
         vectors = plan.step_table.kept_vectors + 4 * plan.step_table.kept_nodes
@@ -194,8 +195,8 @@ class Run:
     def _share(self, name: str, array: Any) -> Any:
         """Put the address of an array into the record, and keep the array alive."""
         self._buffers[name] = array
-        if array.size:  # much faster than array.ctypes
-            setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
+        if array.size:
+            setattr(self.record, name, address_of(array))
         return array
 
     def _share_problem(self) -> None:
@@ -213,7 +214,7 @@ class Run:
             count = self.plan.dim if self.record.in_coordinates else self.plan.width
             tolerances = np.array([control.rtol, control.atol]).reshape(2, -1)
             self._share("tolerances", tolerances.repeat(count // tolerances.shape[1], axis=1))
-        if problem.events is not None and self._functions:
+        if problem.events is not None and self._event_count:
             self._share("event_table", problem.events.rows)
 
     def _share_functions(self) -> None:
@@ -263,7 +264,7 @@ class Run:
         failed_members = np.flatnonzero(np.isin(self.detail, list(_FAILED))).tolist()
         if call is None and failed_members:
             k = failed_members[0]
-            call = _FAILED[int(self.detail[k])], float(self.state("failed_at")[k]), k
+            call = _FAILED[RhsFlag(self.detail[k])], float(self.state("failed_at")[k]), k
         if call is not None:
             name, t, member = call
             u, first = "" if rhs.extra.inputs is None else "u, ", rhs.extra.first_member

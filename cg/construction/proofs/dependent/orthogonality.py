@@ -120,11 +120,11 @@ class _Relations:
         return chosen, basis
 
     def _spanned(self) -> Iterator[Spanned]:
-        """Yield contexts and letters that fill all places, and have more.
+        """Yield sets of contexts and letters that span all places, with vectors to spare.
 
-        Sets have vectors that are zero at the same places, whatever the coefficients are: these
-        places then don't count. Degrees are those whose products are conditions, of the first row
-        or of both.
+        Places count where the vectors of a set aren't zero for all coefficients. Letters have at
+        most a degree, and contexts at least this degree left, so that all products are conditions,
+        of the first row or of both.
         """
         seen: set[tuple[Any, ...]] = set()
         orders = np.array(self._orders)
