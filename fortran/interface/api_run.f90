@@ -59,19 +59,19 @@ contains
   end subroutine plan_set_bodies
 
   ! Gives the frame of a plan with inertia joints; see make_linkage.
-  subroutine plan_set_joints(address, bodies, body_blocks, rows, integers, joints, reals, &
+  subroutine plan_set_joints(address, bodies, body_blocks, rows, integers, joints, numbers, &
                              user_rows, context) bind(c)
     integer(c_intptr_t), intent(in) :: address, context  ! context: evaluates the user's rows
     integer, intent(in) :: bodies, rows, joints, user_rows
     ! the last columns are unused, since no array may be empty
     integer, intent(in) :: body_blocks(2, bodies), integers(3, rows)
-    real(wp), intent(in) :: reals(13, joints)
+    real(wp), intent(in) :: numbers(13, joints)
     type(plan_t), pointer :: plan
 
     plan => plan_at(address)
     associate (frame => plan%frame)
       call make_linkage(frame%blocks, frame%forces, body_blocks(:, :bodies - 1), &
-                        integers(:, :rows - 1), reals(:, :joints - 1), user_rows, frame%linkage)
+                        integers(:, :rows - 1), numbers(:, :joints - 1), user_rows, frame%linkage)
       frame%linkage%python%context = transfer(context, c_null_ptr)
       frame%jointed = .true.
     end associate
