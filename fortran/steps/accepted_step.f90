@@ -3,6 +3,7 @@
 module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
+  use collocation_m, only: keep_step
   use controller_m, only: resolution
   use free_motion_m, only: add_constraint_forces
   use interpolant_m, only: add_node, begin_interpolant, flows_of_evaluation, make_cubic, next_node
@@ -13,9 +14,9 @@ module accepted_step_m
   use phases_m
   use trajectory_m, only: fail, forget_step, last_step_times_t, point_at, time_at, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: callback_block, jumps_without_progress, no_stop, observer_failed, &
-                            paused, polynomial_kind, registers_kind, splitting_kind, &
-                            step_too_long, terminal_event
+  use shared_numbers, only: callback_block, collocation_kind, jumps_without_progress, no_stop, &
+                            observer_failed, paused, polynomial_kind, registers_kind, &
+                            splitting_kind, step_too_long, terminal_event
   use vectors_m, only: finite, nan
   use zero_finding_m, only: crosses
   implicit none
@@ -309,6 +310,12 @@ contains
       x%events%zero_tolerance = max( &
         small_value * max(abs(x%events%at_start), abs(x%events%at_end)), 2 * abs(x%events%residual))
     end if
+    ! not before, since a step that is too long for events is tried again
+    if (x%problem%adaptive .and. x%method%uses_last_nodes) then
+      x%estimate%f_before(:, :) = x%f
+      x%estimate%h_before = x%h
+    end if
+    if (x%method%kind == collocation_kind) call keep_step(x)
     x%t = t
     x%y(:, 0) = y
     x%phase = merge(phase_begin_segment, phase_choose_step, at_stop)

@@ -22,8 +22,8 @@ module error_estimate_m
   use coordinates_m, only: difference, error_norm, error_scales, remove_isotropy, tangent
   use frames_m, only: turning
   use method_m, only: method_t
-  use shared_numbers, only: at_end_estimate, collocation_kind, linear_kind, max_angle, &
-                            parts_of_results_estimate, parts_of_sums_estimate, polynomial_kind, &
+  use shared_numbers, only: at_end_estimate, collocation_kind, linear_action_block, linear_kind, &
+                            max_angle, parts_of_results_estimate, parts_of_sums_estimate, polynomial_kind, &
                             resolved_first, resolved_second, roundings, unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
@@ -33,6 +33,7 @@ module error_estimate_m
 
   ! Change of the angle from which differences of results of Magnus methods may vanish by chance
   real(wp), parameter :: max_change = 3.0_wp
+  real(wp), parameter :: max_collocated_angle = 3.0_wp  ! of a step
   real(wp), parameter :: min_excess = 0.1_wp           ! errors up to it let steps grow freely
 
 contains
@@ -166,18 +167,30 @@ contains
       combined = e1 * (e1 / hypot(e1, method%factor * e2))**method%power
   end function combined
 
-  ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
-  ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
+  ! Raises the error of a step that turns by more than an angle, so that the next one is shorter:
+  ! near 2 pi, where dexp^-1 doesn't exist, the stages of a collocation method can't be found. Those
+  ! of others may turn further, by any angle if coefficients change by less than the tolerances.
   subroutine raise_by_angle(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
 
-    if (any(x%method%kind == [collocation_kind, polynomial_kind])) return
-    excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
+    select case (x%method%kind)
+    case (polynomial_kind)
+      return
+    case (collocation_kind)
+      ! linear actions grow or decay as well
+      if (any(x%frame%blocks%kind == linear_action_block)) return
+      excess = turning(x%frame, x%collocation%z(:, 3), fields=.true.) / max_collocated_angle
+    case default
+      excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
+    end select
     if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%estimate%error, min_excess)) return
-    if (.not. variation(x) <= 1) x%estimate%error = excess
+    if (x%method%kind /= collocation_kind) then
+      if (variation(x) <= 1) return
+    end if
+    x%estimate%error = excess
   end subroutine raise_by_angle
 
   ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what

@@ -3,7 +3,7 @@
 module step_m
   use kinds, only: wp
   use free_motion_m, only: try_close_joints
-  use collocation_m, only: converges_fast, keep_step, request_collocation, receive_collocation
+  use collocation_m, only: converges_fast, request_collocation, receive_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size, &
                           resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
@@ -14,9 +14,9 @@ module step_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: finite
-  use shared_numbers, only: at_end_estimate, collocation_kind, implicit_kind, max_suspicion, &
-                            needs_rhs, no_stop, raised_by_rejection, registers_kind, &
-                            solution_not_finite
+  use shared_numbers, only: at_end_estimate, collocation_kind, euclidean_block, implicit_kind, &
+                            max_suspicion, needs_rhs, no_stop, raised_by_rejection, &
+                            registers_kind, solution_not_finite
   implicit none
   private
   public :: receive_answers, receive_error, receive_stage, finish_step, accept_or_reject, &
@@ -164,11 +164,6 @@ contains
     if (x%problem%adaptive) call control_size(x, rejected)
     x%phase = merge(phase_choose_step, phase_accepted, rejected)
     if (rejected) return
-    if (x%problem%adaptive .and. x%method%uses_last_nodes) then
-      x%estimate%f_before(:, :) = x%f
-      x%estimate%h_before = x%h
-    end if
-    if (x%method%kind == collocation_kind) call keep_step(x)
     ! other methods than RATTLE have moved along forces that keep joints closed up to their error
     if (x%frame%jointed .and. size(x%joints%impulse) == 0) &
       call try_close_joints(x%frame, x%y(:, x%result))
@@ -183,7 +178,8 @@ contains
 
     associate (control => x%control, newton => x%collocation, exponent => x%tolerances%exponent, &
                h => abs(x%h), common => x%problem%record%common, &
-               collocation => x%method%kind == collocation_kind)
+               collocation => x%method%kind == collocation_kind, &
+               turns => any(x%frame%blocks%kind /= euclidean_block))
       predicted = 0.0_wp
       if (collocation) predicted = predicted_size(h, x%request%shared, exponent, &
         merge(1, newton%iteration, common), common .or. converges_fast(x), abs(newton%h_before), &
@@ -192,11 +188,14 @@ contains
       rejected = .not. error <= 1
       if (rejected) then
         x%counts%nrejected = x%counts%nrejected + 1
-        control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
+        ! iterations that fail since the Jacobian turns with the point soon fail again
+        if (.not. collocation .or. .not. error < huge(error) .and. turns) &
+          control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
         control%step_size = merge(predicted, rejected_size(h, error, exponent), collocation)
       else
         if (collocation) then
-          control%step_size = merge(min(predicted, h), predicted, control%after_rejection)
+          control%step_size = merge(min(predicted, h), predicted, &
+                                    control%after_rejection .or. control%suspicion > 0)
           control%last_error = max(x%request%shared, min_last_predicted)
         else
           call accepted_size(h, error, exponent, control%after_rejection, control%last_error, &

@@ -24,7 +24,7 @@ module step_events_m
   use zero_finding_m, only: choose_trial, crosses, narrow, power_of_growth, sample_t
   implicit none
   private
-  public :: ends_step, find_zeros, store_zeros
+  public :: ends_step, find_zeros, max_adaptive_angle, store_zeros
 
   real(wp), parameter :: root_tolerance = 4 * epsilon(1.0_wp)          ! of a fraction of the step
   ! Bisection takes 53 iterations, far more towards zero; interpolations are at most as many.
@@ -35,6 +35,7 @@ module step_events_m
   ! turn, are tried again with a smaller size; equal ones fail above `max_fixed_parts`.
   integer, parameter :: min_parts = 4, max_adaptive_parts = 10000, max_fixed_parts = 10**8
   real(wp), parameter :: part_angle = 2 * acos(-1.0_wp) / parts_of_turn
+  real(wp), parameter :: max_adaptive_angle = max_adaptive_parts * part_angle
   ! Frames in Python give only a bound of the angle; larger ones count as two turns.
   real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
 

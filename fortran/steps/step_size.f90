@@ -14,6 +14,7 @@ module step_size_m
   use frames_m, only: apply_flows, restore, turning
   use inputs_m, only: max_step_at, make_grid
   use requests_m, only: evaluate_at_start, request, share
+  use step_events_m, only: max_adaptive_angle
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
@@ -142,18 +143,20 @@ contains
     if (.not. x%control%step_size > 0) x%phase = phase_guess_size
   end subroutine receive_slope
 
-  ! The longest step. Without an end, where a terminal event may never come, it is a turn at most:
-  ! events are looked for in each part of a turn, so that steps of ever more would take ever longer.
+  ! The longest step where events are looked for in each part of a turn: as far as a step is
+  ! accepted at all. Without an end, where a terminal event may never come, it is a turn at most,
+  ! since steps of ever more would take ever longer.
   pure real(wp) function max_step_by_turn(x)
     type(trajectory_t), intent(in) :: x
     real(wp), parameter :: turn = 1.98_wp * acos(-1.0_wp)    ! before the pole of dexp^-1 at 2 pi
-    real(wp) :: rate
+    real(wp) :: rate, angle
 
     max_step_by_turn = x%tolerances%max_step
-    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%record%common &
-        .or. .not. x%slope_known .or. size(x%events) == 0) return
+    if (x%problem%record%common .or. .not. x%slope_known .or. size(x%events) == 0) return
+    angle = turn
+    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp)) angle = 0.9_wp * max_adaptive_angle
     rate = turning(x%frame, x%slope, fields=.false.)
-    if (rate * max_step_by_turn > turn) max_step_by_turn = turn / rate
+    if (rate * max_step_by_turn > angle) max_step_by_turn = angle / rate
   end function max_step_by_turn
 
   ! Chooses the size of a step and starts it. Full steps of a grid are exactly equal.

@@ -182,6 +182,14 @@ def test_a_step_that_turns_too_far_for_its_events():
     refuses(cg.StepTooLongError, "eight million turns", step)
 
 
+def test_steps_grow_no_longer_than_events_allow():
+    run = cg.solve_ivp(
+        lambda t: [0.0, 0.0, 1.0], (0, 1e5), np.eye(3), frame=SO3(), method="CFM8(4)",
+        linear=True, events=lambda t, y: y[0, 0] - 2.0,
+    )  # fmt: skip
+    assert (run.steps < 40, run.nrejected) == (True, 0)
+
+
 def test_common_steps_that_turn_too_far_for_events_are_tried_again():
     solution = cg.solve_ensemble(
         lambda t, y, row: [0.0, 0.0, row[0]], (0, 1), np.eye(3), parameters=[[1.0], [3e4]],

@@ -131,6 +131,11 @@ class TestLikeScipy:
 
 
 class TestLoop:
+    def test_sizes_settle_where_the_angle_limits_them(self):
+        f = lambda t, y: [10.0 + 0.01 * np.sin(t), 0.01 * np.cos(t), 3.0]
+        run = solve(f, 200.0, np.eye(3), SO3(), rtol=1e-3, atol=1e-3)
+        assert run.nrejected < 0.25 * run.steps
+
     def test_steps_without_a_solution(self):
         options = {"frame": Euclidean(1), "method": "RadauIIA5"}
         with pytest.raises(cg.ConvergenceError, match="did not converge"):
@@ -187,12 +192,13 @@ def test_no_warning_if_it_is_not_stiff(rtol, recwarn):
     assert not recwarn
 
 
-@pytest.mark.parametrize("force", [0.5, 0.2])
-def test_a_discontinuity_that_the_solution_stays_at(force):
+@pytest.mark.parametrize(("method", "force"), [("auto", 0.5), ("auto", 0.2), (RADAU, 0.5)])
+def test_a_discontinuity_that_the_solution_stays_at(method, force):
     friction = lambda t, y: [y[1], force * np.sin(t) - np.sign(y[1])]
     with pytest.warns(UserWarning, match="many steps, since many are rejected"):
-        run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=12_000)
+        run = solve(friction, 20.0, [0.0, 1.0], method=method, max_steps=12_000)
     assert "many are rejected, as where f jumps" in run.message
+    assert ("RadauIIA5" in run.message) == (method == "auto")
     assert "event" in run.message
     assert "stiff" not in run.message
 

@@ -20,8 +20,7 @@ _STIFF = "the equation is stiff, for which method='RadauIIA5' takes larger steps
 _REJECTED = (
     "many are rejected, as where f jumps or has kinks: name known times of jumps as "
     "breakpoints; where the solution meets a jump, end it by a terminal event, and continue with "
-    "f of the other side; where it would stay on the jump, as in static friction, use a smooth f "
-    "and method='RadauIIA5'"
+    "f of the other side; where it would stay on the jump, as in static friction, use a smooth f"
 )
 _MAX_DIM = 300  # largest Jacobian whose eigenvalues are computed, in dim³ operations
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))  # best for one-sided differences
@@ -87,7 +86,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     frame = plan.frame
     steps, rejected = run.counts[member, _COUNTS].tolist()
     if rejected > _MANY_REJECTED * steps:
-        return _REJECTED
+        return _REJECTED + ("" if table.kind is Kind.COLLOCATION else " and method='RadauIIA5'")
     explicit = table.explicit and table.kind is not Kind.LINEAR
     real_limit = table.real_limit() if explicit and facts_of(frame).has_brackets else None
     if real_limit is None or frame.dim > _MAX_DIM:
