@@ -5,7 +5,6 @@
 ! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
 module linear_action_m
-  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use vectors_m, only: dgemm, nan
   implicit none
@@ -44,9 +43,6 @@ module linear_action_m
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
   real(wp), parameter :: max_pieces = 1e7_wp
   integer, parameter :: max_terms = 200
-
-  ! Number of products X y, for benchmarks; several threads that count at once miss some.
-  integer(int64), public :: products = 0
 
   ! Norm of the pieces of flows along polynomials; at 1.5 times this norm three digits may be lost.
   real(wp), parameter :: polynomial_norm = 6.0_wp
@@ -195,7 +191,6 @@ contains
     end do
     bessel(:last) = bessel_jn(0, last, norm)
     last = max(1, findloc(abs(bessel(:last)) >= epsilon(norm) / 8, .true., 1, back=.true.) - 1)
-    products = products + int(last, int64)
     p(:, 0) = y
     call multiply(action, action%first, action%column, x, y, p(:, 1))
     p(:, 1) = p(:, 1) / norm
@@ -393,7 +388,6 @@ contains
           <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
     if (modulo(min(k, max_terms) + 1, n) > 0) call add_to_inner(min(k, max_terms))
-    products = products + int(min(k, max_terms), int64)
 
   contains
 

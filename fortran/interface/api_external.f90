@@ -15,7 +15,6 @@ module api_external_m
   use kinds, only: wp
   use levenberg_marquardt_m, only: lmdif, lmdif_t
   use linalg_m, only: least_squares_t
-  use linear_action_m, only: products
   use minimum_norm_m, only: minimise_norm
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: coordinates_operation, flow_operation, no_stop, residual_operation, &
@@ -99,13 +98,6 @@ contains
     end do
   end subroutine frame_apply
 
-  ! Counts the products by flows of LinearAction so far.
-  subroutine linear_products(count) bind(c)
-    integer(int64), intent(out) :: count
-
-    count = products
-  end subroutine linear_products
-
   ! The number of equal steps in a span, and the size of the last one
   subroutine equal_steps(start, stop, h, steps, last) bind(c)
     real(wp), intent(in) :: start, stop, h
@@ -152,7 +144,7 @@ contains
     integer(c_intptr_t), intent(in) :: address
     integer, intent(in) :: n, points
     real(wp), intent(inout) :: y(n, points)
-    integer, intent(inout) :: status(points)             ! see constraints_at
+    integer, intent(inout) :: status(points)             ! see joints_errors
     type(plan_t), pointer :: plan
     integer :: i
 
@@ -168,7 +160,7 @@ contains
     integer, intent(in) :: n, points, m, rows
     real(wp), intent(in) :: y(n, points)
     real(wp), intent(inout) :: f(m, points), multipliers(rows, points)
-    integer, intent(inout) :: status(points)             ! see constraints_at
+    integer, intent(inout) :: status(points)             ! see joints_errors
     type(plan_t), pointer :: plan
     integer :: i
 

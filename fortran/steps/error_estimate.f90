@@ -173,21 +173,18 @@ contains
   subroutine raise_by_angle(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
+    logical :: collocates
 
-    select case (x%method%kind)
-    case (polynomial_kind)
-      return
-    case (collocation_kind)
-      ! linear actions grow or decay as well
-      if (any(x%frame%blocks%kind == linear_action_block)) return
+    collocates = x%method%kind == collocation_kind
+    if (x%method%kind == polynomial_kind .or. &
+        collocates .and. any(x%frame%blocks%kind == linear_action_block)) return   ! may not turn
+    excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
+    if (collocates) &
       excess = turning(x%frame, x%collocation%z(:, 3), fields=.true.) / max_collocated_angle
-    case default
-      excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
-    end select
     if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%estimate%error, min_excess)) return
-    if (x%method%kind /= collocation_kind) then
+    if (.not. collocates) then
       if (variation(x) <= 1) return
     end if
     x%estimate%error = excess

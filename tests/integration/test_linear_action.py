@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
-from cg import _core_r64
 from cg.frames import LinearAction, check
 
 
@@ -176,20 +175,6 @@ class TestPolynomialFlows:
         )
         np.testing.assert_allclose(run.y.sum(axis=1), 1.0, rtol=0, atol=3e-14)
 
-    def test_few_products_suffice(self):
-        generators = self.DENSE - self.DENSE.mT
-        counts = []
-        for tolerance in (1e-4, 1e-12):
-            before = _core_r64.linear_products()
-            cg.solve_linear(
-                lambda t: [1.0, 0.5], (0, 20), np.ones(5), frame=LinearAction(generators),
-                rtol=tolerance, atol=tolerance,
-            )  # fmt: skip
-            counts.append(_core_r64.linear_products() - before)
-        norm = 20 * np.linalg.norm(generators[0] + 0.5 * generators[1], 2)
-        assert counts[0] < counts[1] < 12 * norm
-        assert counts[0] < 6.5 * norm
-
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])
     @pytest.mark.parametrize("scale", [1e-9, 0.3, 5.0])
@@ -279,9 +264,7 @@ def test_every_method_and_tolerance(method, damping, tolerance):
 
 @pytest.mark.parametrize("turns", [3e5, 3e6])
 def test_errors_do_not_grow_with_the_time(turns):
-    before = _core_r64.linear_products()
     run = cg.solve_linear(lambda t: [1.0], (turns, 0), Y0, frame=frame(0.0))
-    assert _core_r64.linear_products() - before < 6 * turns
     assert amplitude_error(run.y[-1], turns=-turns) < 1e-3
 
 
