@@ -68,7 +68,7 @@ contains
         status = stopped
         exit
       end if
-      call factorise(model, damping)
+      call factor(model, damping)
       y = r
       call dpotrs('L', conditions, 1, model%factor, conditions, y, conditions, info)
       step = -matmul(y, model%jac)
@@ -138,7 +138,7 @@ contains
   end subroutine add_acceleration
 
   ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
-  subroutine factorise(model, damping)
+  subroutine factor(model, damping)
     type(linear_model_t), intent(inout) :: model
     real(wp), intent(inout) :: damping
     integer :: i, info
@@ -152,6 +152,6 @@ contains
       if (info == 0 .or. .not. damping <= max_damping) exit        ! NaN may stay
       damping = 4.0_wp * damping
     end do
-  end subroutine factorise
+  end subroutine factor
 
 end module minimum_norm_m

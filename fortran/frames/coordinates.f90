@@ -13,9 +13,10 @@ module coordinates_m
   use orthogonal_m, only: orthogonal_difference
   use rotations_m, only: get_quaternion
   use shared_numbers, only: callback_block, coordinates_operation, euclidean_block, &
-                            linear_action_block, quaternion_block, se3_block, sizes_operation, &
-                            so3_block, so_block, sphere_block, stiefel_block, su2_block, su_block, &
-                            tangent_operation, u_block, without_isotropy_operation
+                            isospectral_block, linear_action_block, quaternion_block, se3_block, &
+                            sizes_operation, so3_block, so_block, sphere_block, stiefel_block, &
+                            su2_block, su_block, tangent_operation, u_block, &
+                            without_isotropy_operation
   use stiefel_m, only: isospectral_tangent, stiefel_tangent
   use unitary_m, only: unitary_difference
   use vectors_m, only: cross, nan
@@ -223,7 +224,7 @@ contains
           call linear_tangent(block%action, v(v1:v2), y(p1:p2), change(p1:p2))
         case (stiefel_block)
           call stiefel_tangent(block%k, block%n, v(v1:v2), y(p1:p2), change(p1:p2))
-        case default
+        case (isospectral_block)
           call isospectral_tangent(block%n, v(v1:v2), y(p1:p2), change(p1:p2))
         end select
       end associate

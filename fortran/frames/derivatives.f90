@@ -10,7 +10,7 @@ module derivatives_m
   use rotations_m, only: get_quaternion, set_quaternion
   use shared_numbers, only: coefficients_operation, euclidean_block, isospectral_block, &
                             quaternion_block, se3_block, so3_block, so_block, sphere_block, &
-                            stiefel_block, su2_block
+                            stiefel_block, su2_block, su_block, u_block
   use unitary_m, only: unitary_coefficients
   use vectors_m, only: cross
   implicit none
@@ -70,7 +70,7 @@ contains
                                         slope(p1), v(v1:v2), dropped)
         case (stiefel_block)
           call stiefel_coefficients(block%k, block%n, y(p1), slope(p1), v(v1), dropped)
-        case default
+        case (su_block, u_block)
           call unitary_coefficients(block%n, block%space, as_complex(block%n, y(p1:p2)), &
                                     as_complex(block%n, slope(p1:p2)), v(v1:v2), dropped)
         end select

@@ -120,11 +120,11 @@ contains
   end function span
 
   ! A first size, bounded by the span and max_step, and at least the rounding of t
-  pure real(wp) function bounded(x, size)
+  pure real(wp) function bounded(x, h)
     type(trajectory_t), intent(in) :: x
-    real(wp), intent(in) :: size
+    real(wp), intent(in) :: h
 
-    bounded = max(min(size, span(x), x%tolerances%max_step), &
+    bounded = max(min(h, span(x), x%tolerances%max_step), &
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
   end function bounded
 

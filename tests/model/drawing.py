@@ -153,9 +153,11 @@ def admitted(program: Program) -> Program:
             events[k] = replace(events[k], period=False)
         if zero.jump == "other" and edge:
             events[k] = replace(events[k], jump="y0")
-        # no contact rests at y0, where copies may have zeros of their originals
+        # no contact rests at y0, where copies may have zeros of their originals, nor does an input
+        # lead to one, before which events would follow each other ever faster
         for j in range(k + 1) if events[k].jump == "y0" or program.turns == 0.0 else ():
-            events[j] = replace(events[j], place=0.3 if events[j].place == 0.5 else events[j].place)
+            near = events[j].place in ((0.5, 0.55) if continuous else (0.5,))
+            events[j] = replace(events[j], place=0.3 if near else events[j].place)
         if zero.kind == "edge":
             events[k] = Zero("edge", 0.1, terminal=1)
     change(endless, breaks=(), turns=min(program.turns, 8.0))
