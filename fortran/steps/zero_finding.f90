@@ -4,7 +4,7 @@ module zero_finding_m
   use shared_numbers, only: event_record_t
   implicit none
   private
-  public :: choose_trial, crosses, narrow, power_of_growth, sample_t
+  public :: choose_trial, crosses, minimise_parabola, narrow, power_of_growth, sample_t
 
   ! The value of a function at a fraction of the step
   type :: sample_t
