@@ -8,7 +8,6 @@ from waves import TIGHT
 
 import cg
 from cg.frames import SE3, SO3, Euclidean, LinearAction, Product, Sphere, Stiefel
-from cg.integration.derivatives import adjoint_equation
 
 
 def test_a_stiff_equation_is_refused_before_it_takes_long():
@@ -72,14 +71,13 @@ def test_intervals_are_not_bisected_beyond_the_resolution_of_time():
     refuses(ValueError, "aren't resolved", run.gradient, [1.0])
 
 
-def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long(monkeypatch):
-    monkeypatch.setattr(adjoint_equation, "_MAX_INTEGRAL", 1e3)
+def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long():
     noise = np.random.default_rng(1)
     run = cg.solve_variational(
         lambda t, y, p: p * (1.0 + 1e-3 * noise.standard_normal()), (0, 1), [0.0],
         frame=Euclidean(1), parameters=[2.0], derivatives="adjoint", method="CF4", h=0.1,
     )  # fmt: skip
-    refuses(ValueError, r"aren't resolved at .* by intervals of 0\.0", run.gradient, [1.0])
+    refuses(ValueError, "change by .* between neighbouring times", run.gradient, [1.0])
 
 
 def test_long_steps_are_divided():

@@ -181,12 +181,15 @@ def _reached(case: Case, s: Any, code: str) -> None:
             raise Difference(kind, text, f"{code}\nprint(s)")
 
 
-def raise_if_singular(case: Case) -> None:
-    """Raise Unclear where rounding changes coordinates of a matrix by a tolerance."""
+def raise_if_singular(case: Case, power: int = 1) -> None:
+    """Raise Unclear where rounding changes coordinates of a matrix by a tolerance.
+
+    With the power 2, where it changes their derivatives, which are differences, by its root.
+    """
     base = case.program.frame.base
     if base.ndim == 2 and base.shape[0] == base.shape[1]:
         points = [case.path(t).view(base.dtype).reshape(base.shape) for t in case.grid()]
-        if EPS * max(map(np.linalg.cond, points)) > 0.1 * case.program.rtol:
+        if EPS * max(map(np.linalg.cond, points)) ** power > 0.1 * case.program.rtol:
             raise Unclear("points are nearly singular matrices, without accurate coordinates")
 
 

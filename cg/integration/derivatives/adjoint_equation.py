@@ -31,6 +31,7 @@ _MAX_BISECTIONS = 20  # largest number of bisections of an interval
 _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of intervals is proportional
 _MAX_UNRESOLVED = 8  # largest number of unresolved intervals per edge, of `solve_intervals`
 _MIN_BISECTED = 64  # units of rounding of time in an interval that can be bisected
+_NOISE_SAMPLES = 8  # of unresolved intervals, whose derivatives are compared at neighbouring times
 _SAME_EDGE = 8  # units of rounding between edges that coincide: nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
@@ -151,7 +152,7 @@ def _unresolved(values: Points) -> Array:
 def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
     """Return the intervals between times, bisected until the estimates are below the tolerance.
 
-    They aren't sorted. ValueError is raised if bisection doesn't reach the tolerance.
+    They aren't sorted. ValueError is raised if bisection doesn't reach the tolerance, or can't.
     """
     start, size = edges[:-1], np.diff(edges)
     span = abs(edges[-1] - edges[0])
@@ -171,6 +172,7 @@ def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         start, size = np.concatenate(unresolved, axis=1)
         if not start.size:
             return chunks
+        _raise_if_noisy(equation, start + size / 2)
         too_short = np.abs(size) < _MIN_BISECTED * np.spacing(np.abs(start))
         if start.size > max(_MAX_INTEGRAL, _MAX_UNRESOLVED * len(edges)) or too_short.any():
             break
@@ -181,6 +183,23 @@ def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         f"resolved at t = {start[0]:.17g} by intervals of {abs(size[0]):.2g}; name known times of "
         "jumps as breakpoints; gradients don't go through jumps at points of the solution"
     )
+
+
+def _raise_if_noisy(equation: AdjointEquation, times: Array) -> None:
+    """Raise ValueError if B changes between neighbouring times, at which bisection wouldn't end."""
+    if times.size < _NOISE_SAMPLES:  # there may be jumps
+        return
+    times = times[:: times.size // _NOISE_SAMPLES]
+    near, far = (equation.at(times + k * np.spacing(np.abs(times)))[1] for k in (0, _MIN_BISECTED))
+    if near is None or far is None:
+        return
+    change = np.abs(far - near).max(axis=(1, 2)) / max(np.abs(near).max(), np.finfo(float).tiny)
+    if np.median(change) > np.sqrt(equation.tolerance):
+        raise ValueError(
+            "f must have accurate derivatives with derivatives='adjoint': those by parameters or "
+            f"inputs change by {np.median(change):.1g} of the largest one between neighbouring "
+            f"times near t = {times[0]:.6g}; differences have few digits near singular matrices"
+        )
 
 
 def _solve_once(
