@@ -169,7 +169,7 @@ contains
     real(wp), allocatable :: x(:)
 
     call combine_generators(action, v, x, spectral_bound)
-    if (allocated(x)) spectral_bound = min(spectral_bound, norm2(x))
+    spectral_bound = min(spectral_bound, norm2(x))
   end function spectral_bound
 
   ! Applies exp(X) of skew-Hermitian X, whose norm is at most `norm`: with Bessel functions J_k,

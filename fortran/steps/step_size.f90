@@ -144,19 +144,17 @@ contains
   end subroutine receive_slope
 
   ! The longest step where events are looked for in each part of a turn: as far as a step is
-  ! accepted at all. Without an end, where a terminal event may never come, it is a turn at most,
-  ! since steps of ever more would take ever longer.
+  ! accepted at all; a turn where there is no end, so that steps of ever more don't take ever longer
   pure real(wp) function max_step_by_turn(x)
     type(trajectory_t), intent(in) :: x
     real(wp), parameter :: turn = 1.98_wp * acos(-1.0_wp)    ! before the pole of dexp^-1 at 2 pi
-    real(wp) :: rate, angle
+    real(wp) :: longest, rate                ! an angle, and how many of them in a unit of time
 
     max_step_by_turn = x%tolerances%max_step
     if (x%problem%record%common .or. .not. x%slope_known .or. size(x%events) == 0) return
-    angle = turn
-    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp)) angle = 0.9_wp * max_adaptive_angle
-    rate = turning(x%frame, x%slope, fields=.false.)
-    if (rate * max_step_by_turn > angle) max_step_by_turn = angle / rate
+    longest = merge(turn, 0.9_wp * max_adaptive_angle, abs(x%problem%stops(x%segment)) > huge(rate))
+    rate = turning(x%frame, x%slope, fields=.false.) / longest
+    if (rate * max_step_by_turn > 1) max_step_by_turn = 1 / rate
   end function max_step_by_turn
 
   ! Chooses the size of a step and starts it. Full steps of a grid are exactly equal.
