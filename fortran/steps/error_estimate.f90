@@ -23,8 +23,9 @@ module error_estimate_m
   use frames_m, only: turning
   use method_m, only: method_t
   use shared_numbers, only: at_end_estimate, collocation_kind, linear_action_block, linear_kind, &
-                            max_angle, parts_of_results_estimate, parts_of_sums_estimate, polynomial_kind, &
-                            resolved_first, resolved_second, roundings, unit_of_change
+                            max_angle, parts_of_results_estimate, parts_of_sums_estimate, &
+                            polynomial_kind, resolved_first, resolved_second, roundings, &
+                            unit_of_change
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -181,7 +182,6 @@ contains
     excess = abs(x%h) * turning(x%frame, x%f(:, 1), fields=.true.) / max_angle
     if (collocates) &
       excess = turning(x%frame, x%collocation%z(:, 3), fields=.true.) / max_collocated_angle
-    if (excess <= min_excess) return         ! its power below is smaller still
     excess = excess**(1 / x%tolerances%exponent)
     if (excess <= max(x%estimate%error, min_excess)) return
     if (.not. collocates) then
