@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DenseOutput, OdeSolver
-from scipy.integrate._ivp.common import warn_extraneous
 
 from cg.frames.base import Frame, check_frame
 from cg.frames.euclidean import Euclidean
@@ -18,7 +17,7 @@ from cg.frames.product import Power, Product
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.stepper import Stepper
 from cg.support.arrays import Array, Points, real_array
-from cg.support.checks import check_real
+from cg.support.checks import check_real, warn_user
 from cg.tables import HasTable, table_of
 
 
@@ -90,7 +89,8 @@ class FrameSolver(OdeSolver):
         rtol: ArrayLike = 1e-3, atol: ArrayLike = 1e-6, vectorized: bool = False,
         first_step: float | None = None, max_angle: float = 0.5 * math.pi, **extraneous: Any,
     ) -> None:  # fmt: skip
-        warn_extraneous(extraneous)
+        if extraneous:
+            warn_user(f"options without effect: {', '.join(extraneous)}")
         frame = self.frame
         is_complex = frame.dtype.kind == "c"
         given: Any = np.asarray(y0, dtype=complex) if is_complex else y0

@@ -149,6 +149,8 @@ def run_pieces(
         for result in known.values():
             count(result, False)
             yield result
+        if known and callable(progress):
+            progress(len(known), total)
         stack.enter_context(_how_to_continue(store, run))
         numbers = (number for number in range(total) if number not in known)
         running = completed(work, numbers, executor, workers, finish=file is not None)

@@ -365,7 +365,7 @@ def _make_plan(frame: Any, options: EnsembleOptions) -> tuple[Plan, Array]:
     if options["h"] is None:
         if options["rtol"] is not None:
             rtol = arguments.check_rtol(options["rtol"])
-        min_rtol = rtol.item() if rtol.size == 1 else float(rtol.min())
+        min_rtol = float(rtol.min())
     method: Any = options["method"]
     chosen = None if isinstance(method, str) and method == AUTO else table_of(method)
     if _returns_derivatives(options["rhs"], options["linear"], frame):
@@ -444,9 +444,13 @@ def _read_jointed_members(
         name = f"y0[{k}]" if len(starts) > 1 else "y0"
         points.append(arguments.read_starts(member_plan, y, False, name)[0])
         member_plan.frame.check_rank(points[-1], name)
-    _, parameters = arguments.read_initial_members(
+    repeated, parameters = arguments.read_initial_members(
         inertia.plan(0, plan), np.array([points[0]] * members), options["parameters"], True
     )
+    if len(repeated) != members:
+        raise ValueError(
+            f"inertia must have {len(repeated)} entries, one for each member, got {members}"
+        )
     return np.array(points), parameters, inertia
 
 

@@ -50,7 +50,7 @@ def curve_style(ax: Any) -> dict[str, Any]:
     number = sum(line.get_gid() == _CURVE for line in ax.get_lines())
     return {
         "color": COLOURS[number % len(COLOURS)],
-        "linestyle": DASHES[number % len(DASHES)],
+        "linestyle": DASHES[(number + number // len(COLOURS)) % len(DASHES)],
         "marker": _MARKERS[number % len(_MARKERS)],
         "markersize": 5,
         "linewidth": 1.4,

@@ -59,11 +59,12 @@ def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) ->
 def _trajectory(curves: list[Array], radius: float, ax: Any, label: str | None) -> Any:
     """Draw curves within a sphere, in one colour."""
     ax = axes_for(ax, spatial=True)
-    number = len({line.get_color() for line in ax.get_lines()})
     _draw_sphere(ax, radius)
-    colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
-    for k, curve in enumerate(curves):
-        _draw_curve(ax, _along_great_circles(curve), colour, dashes, None if k else label)
+    style = curve_style(ax) | {"marker": "", "label": label}
+    for curve in curves:
+        ax.plot(*_along_great_circles(curve).T, **style)
+        ax.scatter(*curve[:1].T, color=style["color"], s=25)
+        style |= {"gid": None, "label": None}  # the curves of a call count as one
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax

@@ -13,6 +13,7 @@ from cg.frames import SO3, Euclidean, Product, Sphere
 from cg.problems.linear import QuadraticProblem, balls, identity, moments, vector
 from cg.support import flint
 from cg.support.arrays import Array
+from cg.support.checks import check_choice
 from cg.support.parsing import read_fraction
 from cg.support.quads import exact_midpoint, to_ball, to_flint, working_precision
 
@@ -160,8 +161,7 @@ class HeavyTop(QuadraticProblem):
     frame = Product(SO3(), Euclidean(3))
 
     def __post_init__(self) -> None:
-        if not isinstance(self.reading, str) or self.reading not in ("momentum", "velocity"):
-            raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
+        check_choice("reading", self.reading, ("momentum", "velocity"))
         try:
             angle = read_fraction(self.phi_over_pi)
         except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:

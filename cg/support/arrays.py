@@ -19,6 +19,7 @@ Points = NDArray[Any]
 Convention = Literal["body", "space"]
 CONVENTIONS = get_args(Convention)
 
+_COMPLEX = complex, np.complexfloating
 _MAX_POINTS = 2**40  # exceeds the memory of any machine
 
 Size = int | Sequence[int]
@@ -75,7 +76,7 @@ def is_qobj(value: Any) -> bool:
 def conversion_hint(value: Any, error: BaseException | None) -> str:
     """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
     for item in value if isinstance(value, list | tuple) else [value]:
-        if type(item).__name__ == "Qobj":
+        if is_qobj(item):
             return "; the numbers of a Qobj are those of its full()"
     while error is not None:
         if type(error).__module__.partition(".")[0] == "jax":
@@ -92,8 +93,10 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         raw = np.asarray(value)
         if raw.dtype.kind not in kinds:
             raise TypeError(f"dtype {raw.dtype}")
-        if raw.dtype.kind == "O" and any(entry is None for entry in raw.flat):
-            raise TypeError("None, which NumPy would read as NaN")
+        # NumPy would read None as NaN, text as numbers, and drop imaginary parts
+        refused = (type(None), str, bytes) + _COMPLEX * (adjective == "real")
+        if raw.dtype.kind == "O" and any(isinstance(entry, refused) for entry in raw.flat):
+            raise TypeError("entries that aren't numbers")
         return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(

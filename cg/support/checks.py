@@ -154,7 +154,7 @@ def check_count(name: str, value: Any) -> int:
 
 def check_interval(name: str, value: Any) -> tuple[float, float]:
     """Return two numbers as floats; TypeError, or ValueError unless they are finite and grow."""
-    if not isinstance(value, tuple | list | np.ndarray):
+    if not isinstance(value, tuple | list | np.ndarray) or getattr(value, "ndim", 1) < 1:
         raise TypeError(f"{name} must be two increasing finite numbers, got {value!r}")
     numbers = [check_number(name, number) for number in value]
     if len(numbers) == 2 and -math.inf < numbers[0] < numbers[1] < math.inf:

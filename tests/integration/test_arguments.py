@@ -235,6 +235,8 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
     ({"workers": 0}, ValueError, "workers must be at least 1"),
     ({**FORWARD, "out": np.zeros(4)}, ValueError, "out must be None with derivatives"),
     ({"derivatives": "adjoint"}, ValueError, "derivatives must be None.* for an ensemble"),
+    ({**FORWARD, "P0": np.array([1e9, 1, -1, 1])[:, None, None] * np.eye(3)}, ValueError,
+     "P0 must be positive semidef.* eigenvalue -1"),
     ({**FORWARD, "P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have .*3\) or \(4, 3, 3\)"),
 ])  # fmt: skip
 def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):

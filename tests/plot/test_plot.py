@@ -116,6 +116,9 @@ class TestTrajectories:
         np.testing.assert_array_equal(np.stack(first.get_data_3d(), axis=1), run.y)
         assert (first.get_color(), second.get_color()) == COLOURS[:2]
         assert first.get_linestyle() != second.get_linestyle()
+        draw = lambda: cg.plot.trajectory_on_sphere(run.y, spatial_axes).get_lines()[-1]
+        styles = {(line.get_color(), line.get_linestyle()) for line in (draw() for _ in range(7))}
+        assert len(styles) == 7
         labels = spatial_axes.get_xlabel(), spatial_axes.get_ylabel(), spatial_axes.get_zlabel()
         assert labels == ("x", "y", "z")
         spheres = [part for part in spatial_axes.collections if part.get_gid() == "cg-sphere"]

@@ -156,7 +156,10 @@ def test_executor_that_breaks_loses_nothing_that_was_finished(moment, store_path
     assert note.startswith(f"finished results are in {store_path}; run the same search again")
     before = [line for line in read_store(store_path) if "index" in line]
     assert {line["index"] for line in before} == {0, 1, 2}
-    assert cg.search(**SEARCH, store=store_path) == whole
+    shown: list[tuple[int, ...]] = []
+    progress = lambda *now: shown.append(now)
+    assert cg.search(**SEARCH, store=store_path, progress=progress) == whole
+    assert shown[:2] == [(3, 30), (4, 30)]
 
 
 def test_dead_worker_ends_the_run():

@@ -101,7 +101,8 @@ class Method(ABC):
             Sequence of numbers. As many as `coefficients`, in the same sequence.
         **fields
             Further keyword arguments of the class. `name` and `source` are those of this method
-            by default; third weights and a nominal order are left out by default.
+            by default; third weights, but for a Magnus method, and a nominal order are left out by
+            default.
 
         Raises
         ------

@@ -36,7 +36,7 @@ class Noise(Derivative):
 def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     """Return the spectral density of noise after checking it; a matrix is C-ordered.
 
-    A compiled function is checked at the first point only.
+    A compiled function is checked at the first point only, and not if it takes inputs.
     """
     frame, rhs = problem.plan.frame, problem.rhs
     if noise is None:
@@ -78,10 +78,11 @@ def check_covariance(
 
 
 def _fault(matrix: Array) -> str:
-    """Return why a matrix is no covariance, an empty text if it is one."""
-    if not np.abs(matrix - matrix.mT).max() <= _COVARIANCE_ERROR * np.abs(matrix).max():
+    """Return why a matrix, or one of several, is no covariance; an empty text if all are."""
+    sizes = np.abs(matrix).max(axis=(-2, -1))  # of each, which others may exceed by far
+    if not (np.abs(matrix - matrix.mT).max(axis=(-2, -1)) <= _COVARIANCE_ERROR * sizes).all():
         return f"symmetric, got {matrix.tolist()}"
     eigenvalues = np.linalg.eigvalsh(matrix)
-    if not eigenvalues.min() >= -_COVARIANCE_ERROR * np.abs(eigenvalues).max():
+    if not (eigenvalues.min(axis=-1) >= -_COVARIANCE_ERROR * sizes).all():
         return f"positive semidefinite, got one with the eigenvalue {eigenvalues.min():.3g}"
     return ""

@@ -53,7 +53,7 @@ class Plan:
         self.interpolant_vectors = self.step_table.output.interpolant_vectors
         self.address = self._open()
         weakref.finalize(self, core.plan_close, self.address)
-        self._linkage = self._share_mechanics()
+        self._linkage = self._share_mechanics()  # kept alive, since compiled code calls it
 
     def _open(self) -> int:
         """Open the plan in compiled code and return its address."""
