@@ -43,7 +43,7 @@ class StoreError(ValueError):
     """A file that isn't a store."""
 
 
-def check_path(value: Any) -> Path:
+def check_store_path(value: Any) -> Path:
     """Return the path of a store; raise an error if it can't be one."""
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"store must be a path, got {value!r}")
@@ -59,7 +59,7 @@ def check_path(value: Any) -> Path:
 def read_store(path: str | os.PathLike[str], run: str = "") -> Iterator[dict[str, Any]]:
     """Yield the lines of a store, of all runs or of one; StoreError if the file isn't one."""
     begin, damaged = _BEGIN + run.encode(), 0
-    with check_path(path).open("rb") as file:
+    with check_store_path(path).open("rb") as file:
         for number, line in enumerate(file):
             if number == 0 and not line.startswith(_BEGIN):
                 raise StoreError(f"store {path} isn't a file of runs of this package")
@@ -82,7 +82,7 @@ class Store:
     """One run in a file, which is made if there is none."""
 
     def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> None:
-        self.path = check_path(path)
+        self.path = check_store_path(path)
         # empty ones are left out, so that a new setting doesn't change the runs that lack it
         known = {name: value for name, value in settings.items() if value != ()}
         text = json.dumps(known, sort_keys=True)

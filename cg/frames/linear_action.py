@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _HERMITIAN_PART = 1e-13  # largest part of skew-Hermitian generators, relative to their entries
 
 
-class _Entries(IntEnum):
+class _EntryKind(IntEnum):
     """The parts of the entries of matrices that compiled code stores."""
 
     REAL = 0
@@ -153,16 +153,16 @@ class LinearAction(CompiledFlow, UserFrame):
             matrices = [sparse.kron(self._matrix(e), identity) for e in np.eye(self.dim)]
             return LinearAction(matrices)._numbers
         values, pattern = self._values, self._pattern
-        kind = _Entries.COMPLEX
+        kind = _EntryKind.COMPLEX
         if values.dtype.kind != "c":
-            kind = _Entries.REAL
+            kind = _EntryKind.REAL
         elif not values.real.any():
-            kind = _Entries.IMAGINARY
+            kind = _EntryKind.IMAGINARY
         generator, entry = np.nonzero(values)
         terms, indices = values[generator, entry], entry + 1
-        if kind == _Entries.IMAGINARY:
+        if kind == _EntryKind.IMAGINARY:
             terms = terms.imag.copy()
-        if kind == _Entries.COMPLEX:
+        if kind == _EntryKind.COMPLEX:
             indices = np.stack([2 * entry + 1, 2 * entry + 2], axis=-1).reshape(-1)
         n, rows, columns = pattern
         starts = np.searchsorted(generator * n + rows[entry], np.arange(self.dim * n + 1))

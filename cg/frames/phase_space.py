@@ -360,9 +360,11 @@ class PhaseSpace(Product):
         This is left out where it may be an error of steps, whose forces are tangential at other
         points than their ends.
         """
-        return np.asarray(np.maximum(self.relative_error(y), self._along(self._points(y))))
+        return np.asarray(
+            np.maximum(self.relative_error(y), self._radial_momentum(self._points(y)))
+        )
 
-    def _along(self, y: Array) -> Array:
+    def _radial_momentum(self, y: Array) -> Array:
         largest = np.zeros(y.shape[:-1])
         for body in self._bodies:
             if body.sphere:
@@ -373,7 +375,7 @@ class PhaseSpace(Product):
         return largest
 
     def _reason(self, point: Points) -> str:
-        if self._along(point):
+        if self._radial_momentum(point):
             return "; join(q, momentum) removes the momentum along points of spheres"
         if not np.isfinite(self.state_error(point)):
             return "; constraints aren't finite there"

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.integration.errors import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.output.solutions import (
@@ -30,8 +31,8 @@ class MemberResults(NamedTuple):
     y: Any  # points, shape (times, members, *point_shape), or None
     observed: Any  # shape (times, members, *shape), or None
     reached: Array  # the last time of each member
-    status: Any
-    counts: Any  # shape (members, 6)
+    status: NDArray[np.int64]
+    counts: NDArray[np.int64]  # shape (members, 6)
     messages: dict[int, str]  # by member, where the status isn't 0
     interpolants: Interpolants | None
     events: tuple[Any, Array, Points] | None  # see `Run.events`

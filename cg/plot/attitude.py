@@ -132,7 +132,7 @@ def attitude(y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None) -> Any
                 raise ValueError(f"t must be {len(rotations)} increasing times, as y has, got {t}")
         elif times is None:
             times = np.arange(len(rotations), dtype=np.float64)
-        curves, labels, title = _curves(show, rotations)
+        curves, labels, title = _angle_curves(show, rotations)
         for curve, label, colour, dashes in zip(
             np.rad2deg(curves.T), labels, COLOURS, DASHES, strict=False
         ):
@@ -144,7 +144,7 @@ def attitude(y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None) -> Any
     return ax
 
 
-def _curves(show: str, rotations: Rotation) -> tuple[Array, list[str], str]:
+def _angle_curves(show: str, rotations: Rotation) -> tuple[Array, list[str], str]:
     """Return curves in radians, shape ``(n, 3)``, their labels and what they are."""
     if show == "vector":
         return rotations.as_rotvec(), [f"{axis} axis" for axis in "xyz"], "rotation vector"

@@ -51,7 +51,7 @@ def trajectory_on_sphere(y: Any, ax: Any = None, *, label: str | None = None) ->
     >>> ax.name
     '3d'
     """
-    curves = _curves(y, _vectors)
+    curves = _vector_curves(y, _vectors)
     radius = max(float(np.linalg.norm(curve, axis=-1).max()) for curve in curves)
     return _trajectory(curves, radius, ax, label)
 
@@ -93,17 +93,17 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None) -> Any:
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
-    ax = _trajectory(_curves(y, _bloch_vectors), 1.0, ax, label)
+    ax = _trajectory(_vector_curves(y, _bloch_vectors), 1.0, ax, label)
     if not ax.texts:
         for height, name in ((1.2, "|0⟩"), (-1.2, "|1⟩")):
             ax.text(0.0, 0.0, height, name, ha="center", va="center")
     return ax
 
 
-def _curves(y: Any, convert: Callable[[Any, Frame | None], Array]) -> list[Array]:
+def _vector_curves(y: Any, convert: Callable[[Any, Frame | None], Array]) -> list[Array]:
     """Return the curves of vectors of a solution, of each member, or of an array."""
     if is_solution(y) and np.ndim(y.status):
-        return [curve for k in range(len(y.status)) for curve in _curves(y[k], convert)]
+        return [curve for k in range(len(y.status)) for curve in _vector_curves(y[k], convert)]
     if isinstance(y, list | tuple) and y and all(map(is_qobj, y)):
         y = np.array([state.full().squeeze() for state in y])
     frame, _, points = drawn(y)

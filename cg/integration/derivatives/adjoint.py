@@ -47,7 +47,7 @@ from cg.integration.rhs.python import (
     Rhs,
     call_context,
     derivative_of,
-    when,
+    time_text,
 )  # fmt: skip
 from cg.support.arrays import Array, Points, check_finite, complex_array, real_array
 from cg.support.frozen import changed
@@ -310,7 +310,7 @@ def _linearisation(
     """Return A, and the derivatives of the coefficients by the parameters and inputs."""
     a = _coefficients(rhs, times, point)
     if not np.isfinite(a).all():
-        raise ValueError(f"f must return finite numbers, got others from {when(times)} on")
+        raise ValueError(f"f must return finite numbers, got others from {time_text(times)} on")
     fixed = rhs.extra.parameters is None and rhs.extra.inputs is None
     b = None if fixed else _derivative(rhs, df_dp, times, point)
     return np.tensordot(a, generators, 1), b

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
-from cg.integration.rhs.python import Derivative, derivative_of, when
+from cg.integration.rhs.python import Derivative, derivative_of, time_text
 from cg.support.arrays import Array, Points, check_finite, real_array
 
 # largest asymmetry, and negative eigenvalue, relative to the largest entry or eigenvalue
@@ -25,7 +25,7 @@ class Noise(Derivative):
         """Return the value of the function as a C-ordered array, after checking it."""
         matrix = super().check(value, t)
         if fault := _fault(matrix):
-            raise ValueError(f"noise must be {fault} at {when(t)}")
+            raise ValueError(f"noise must be {fault} at {time_text(t)}")
         return matrix
 
     def checked(self, t: float, y: Points, *arguments: Any) -> Array:

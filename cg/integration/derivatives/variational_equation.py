@@ -16,7 +16,7 @@ from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.form import RhsForm
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.python import Derivative, Rhs, RhsCheck, when
+from cg.integration.rhs.python import Derivative, Rhs, RhsCheck, time_text
 from cg.support.arrays import Array, Points, check_finite, read_only
 from cg.support.caches import cached_by_value
 from cg.support.shared_numbers import MAX_LENGTH_RATIO
@@ -144,7 +144,7 @@ class VariationalEquation:
                 slope[..., m:] += x[..., m:] @ matrix.mT + density
         if not np.isfinite(slope[np.isfinite(matrix).all(axis=(-2, -1))]).all():
             raise OverflowError(
-                f"derivatives of the solution exceed the range of floating point at {when(t)}"
+                f"derivatives of the solution exceed the range of floating point at {time_text(t)}"
             )
         return np.concatenate([coefficients, slope.reshape(len(z), -1)], axis=-1)
 

@@ -21,7 +21,7 @@ from cg.integration.options import Options
 from cg.integration.output.solutions import DenseOutput, EnsembleSolution
 from cg.integration.plan.plan import plan_of
 from cg.integration.problem import Problem
-from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of, when
+from cg.integration.rhs.python import PythonRhs, Rhs, derivative_of, time_text
 from cg.support.arrays import Array, Points, check_finite, read_only, real_array
 from cg.support.frozen import changed
 from cg.tables import Kind
@@ -269,17 +269,21 @@ def _equation_along(variational: Problem, sol: DenseOutput) -> AdjointEquation:
     """Return the adjoint equation of a problem with derivatives."""
     rhs = variational.rhs
     assert isinstance(rhs, CompiledVariation)
-    shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
+    shape, along = (rhs.plan.frame.dim,), partial(_matrices_along, rhs, sol)
     tolerance, extra = tolerance_of(variational), rhs.extra
     return AdjointEquation(along, shape, tolerance, extra.parameter_count, extra.inputs)
 
 
-def _along(rhs: CompiledVariation, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+def _matrices_along(
+    rhs: CompiledVariation, sol: DenseOutput, times: Array
+) -> tuple[Points, Array | None]:
     """Return A and B along a solution, from derivatives that are unit vectors."""
     equation, n = rhs.equation, rhs.equation.frame.dim
     values = rhs.at_times(times, equation.start(sol(times)))
     if not np.isfinite(values).all():
         k = int(np.isfinite(values).all(axis=1).argmin())
-        raise ValueError(f"f and its derivatives must return finite numbers, at {when(times[k])}")
+        raise ValueError(
+            f"f and its derivatives must return finite numbers, at {time_text(times[k])}"
+        )
     slopes = values[:, n:].reshape(len(times), n, -1)
     return slopes[..., :n], slopes[..., n:] if equation.parameter_count else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -36,8 +36,7 @@ class Callbacks:
         self.plan, self.frame = plan, plan.frame
         # compiled code calls only operations whose object was given
         self.rhs: Any = rhs
-        self.events: Any = events
-        self.jacobian: Any = jacobian
+        self.events, self.jacobian = cast(EventTable, events), cast(Jacobian, jacobian)
         self.last_error: Exception | None = None
         self.failed_event: tuple[str, float, int | None] | None = None
 

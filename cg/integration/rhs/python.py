@@ -27,7 +27,7 @@ from cg.tables import Kind, MethodTable
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
 
 
-def when(t: Any) -> str:
+def time_text(t: Any) -> str:
     """Return the time of a call, or the first of many times, for a message."""
     return f"t = {np.atleast_1d(t)[0]:.17g}"
 
@@ -50,7 +50,7 @@ def read_value(
         if len(shape) > 1:
             expected = f"an array of {kind} numbers of shape {shape}"
         raise ValueError(
-            f"{name} must return {expected}{per_row}, got {short(value)} at {when(t)}"
+            f"{name} must return {expected}{per_row}, got {short(value)} at {time_text(t)}"
             f"{conversion_hint(value, error)}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
@@ -58,7 +58,7 @@ def read_value(
     if array.shape != shape:
         expected = f"an array of shape {shape}{per_row}" if shape else "one number"
         raise ValueError(
-            f"{name} must return {expected}, got shape {array.shape} at {when(t)}"
+            f"{name} must return {expected}, got shape {array.shape} at {time_text(t)}"
             f"{hint(array.shape) if hint else ''}"
         )
     return array
@@ -73,7 +73,7 @@ def read_finite(
     """
     array = read_value(value, name, shape, t, number=number)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} must return finite numbers, got {short(value)} at {when(t)}")
+        raise ValueError(f"{name} must return finite numbers, got {short(value)} at {time_text(t)}")
     return array
 
 
@@ -358,10 +358,10 @@ class Jacobian:
             raise ValueError(f"jac must return a matrix of shape {shape}, got {value!r}")
         matrix = value.tocsc()
         if matrix.dtype.kind not in "biuf":
-            raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
+            raise ValueError(f"jac must return real numbers, got {value!r} at {time_text(t)}")
         matrix = matrix.astype(np.float64)
         if not np.isfinite(matrix.data).all():
-            raise ValueError(f"jac must return finite numbers, got {value!r} at {when(t)}")
+            raise ValueError(f"jac must return finite numbers, got {value!r} at {time_text(t)}")
         return matrix
 
     def evaluate(self, rhs: Rhs, member: int, t: float, y: Points, slope: Array) -> Array:
