@@ -76,7 +76,7 @@ def is_qobj(value: Any) -> bool:
 def conversion_hint(value: Any, error: BaseException | None) -> str:
     """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
     for item in value if isinstance(value, list | tuple) else [value]:
-        if is_qobj(item):
+        if type(item).__name__ == "Qobj":
             return "; the numbers of a Qobj are those of its full()"
     while error is not None:
         if type(error).__module__.partition(".")[0] == "jax":
