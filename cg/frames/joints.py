@@ -337,7 +337,8 @@ class Linkage:
         """Return the derivatives along fields by differences, each with a step of its own."""
         dim, reach = self._frame.configuration.dim, self._reach(q)
         scale = np.minimum(reach, 1.0)  # a small system may be far away
-        best, error = np.zeros((dim, len(self._value(q)))), np.full(dim, np.inf)
+        count = self.user_count or len(self._value(q))
+        best, error = np.full((dim, count), np.nan), np.full(dim, np.inf)
         steps, todo, slope, largest = np.full(dim, _STEP), np.arange(dim), 0.0, 0.0
         for _ in range(_TRIALS):
             differences = [self._difference(q, v, 1) for v in np.diag(steps * scale)[todo]]
@@ -376,10 +377,13 @@ class Linkage:
         speed = float(np.abs(velocity / scale).max(initial=0.0))
         if not speed > 0.0:
             return np.zeros(self.user_count)
-        step, best, error = _LONG_STEP / speed, np.zeros(self.user_count), np.inf
+        step, best, error = _LONG_STEP / speed, np.full(self.user_count, np.nan), np.inf
         for _ in range(_TRIALS):
             difference, truncation, size = self._difference(q, step * velocity, 2)
             rounding = _rounding(size, slope)
+            if truncation == np.inf:
+                step /= _CHANGE
+                continue
             if not (truncation + rounding) / step**2 < error:
                 break
             best, error = difference / step**2, (truncation + rounding) / step**2
@@ -391,10 +395,13 @@ class Linkage:
     def _difference(self, q: Points, v: Array, order: int) -> tuple[Array, float, float]:
         """Return a difference of five values along a flow, its error, and the largest value.
 
-        The error is the square of the relative distance from the difference of three.
+        The error is the square of the relative distance from the difference of three; infinite,
+        with zeros, where values aren't finite, beyond which smaller steps may not lead.
         """
         points = self._frame.configuration.flow(np.arange(-2.0, 3.0)[:, None] * v, q)
         values = np.array([self._value(x) for x in points])
+        if not np.isfinite(values).all():
+            return np.zeros(values.shape[1]), np.inf, 0.0
         five, three = (weights @ values for weights in _DIFFERENCES[order])
         apart = float(np.abs(five - three).max())
         error = apart**2 / max(float(np.abs(five).max()), apart, 1e-300)

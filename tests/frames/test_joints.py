@@ -136,6 +136,18 @@ def test_constraints_of_ones_own_are_those_of_joints():
     refuses(TypeError, "a function or two", double_pendulum, [], constraints=[g])
 
 
+@pytest.mark.parametrize("edge", [1e-2, 1e-3, 1e-4])
+def test_derivatives_of_constraints_near_the_edge_of_their_domain(edge):
+    """Of a bead on z = 1 + sqrt(x + edge), which differences of long steps leave."""
+    g = lambda q: [q[2] - 1 - (np.sqrt(q[0] + edge) if q[0] > -edge else np.nan), q[1]]
+    slopes = lambda q: [[-0.5 / np.sqrt(q[0] + edge), 0, 1], [0, 1, 0]]
+    y0 = [0, 0, 1 + np.sqrt(edge), *0.5 * np.array([2 * np.sqrt(edge), 0, 1])]
+    ends = [cg.solve_ivp(lambda t, y: [0, 0, -9.8], (0, 0.1), y0, rtol=1e-8, atol=1e-10,
+                         frame=PhaseSpace(Euclidean(3), 1.0, constraints=own)).y[-1]
+            for own in (g, (g, slopes))]  # fmt: skip
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-9)
+
+
 def test_constraints_on_other_manifolds():
     """A point of a sphere on a circle."""
     frame = PhaseSpace(Sphere(2), 2.0, constraints=lambda q: [q[2] - 0.6])

@@ -184,8 +184,7 @@ def stepper_of_members(case: Case) -> None:
     copied = program.compiled == "numba" or "many" in way
     # an edge ends the third part, and the last one would begin there
     goals = [program.at(share) for share in (0.31, 0.77, 0.77, 1.0)[: 4 - program.edge]]
-    dense = program.dense or program.endless
-    values = copied, dense, EVALUATIONS, EVENTS if events else (), goals
+    values = copied, program.dense or program.endless, EVALUATIONS, EVENTS if events else (), goals
     begin = f"{_data_of_members(program)}COPIES, DENSE, EVALUATIONS, EVENTS, GOALS = {values}\n"
     last_jump = any(zero.jump and zero.terminal for zero in events)  # a single stepper makes it too
     for code in (

@@ -6,16 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.model import scripts
-from tests.model.accuracy import (
-    EPS,
-    Case,
-    Difference,
-    Unclear,
-    near,
-    raise_if_singular,
-    raise_if_unclear,
-)  # fmt: skip
+from tests.model import accuracy, scripts
+from tests.model.accuracy import EPS, Case, Difference, Unclear, near, raise_if_unclear
 from tests.model.reference import covariance, difference, solve
 from tests.model.scripts import CALL
 from tests.model.spaces import reals
@@ -123,7 +115,7 @@ def backward(case: Case) -> None:
     program, space, s = case.program, case.program.frame, case.solution
     if not s.success:  # whether it may fail is compared elsewhere
         raise Unclear("the solution has failed")
-    raise_if_singular(case, 2)
+    accuracy.raise_if_singular(case, 2)
     rng = np.random.default_rng(7)
     xi, changes = _changes(case)
     for k, samples in enumerate(program.inputs):

@@ -283,13 +283,11 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
 
     t, end = task.span
     # in short spans far from zero times are rounded, and f with them
-    rtol = max(1e-8, 2e3 * np.spacing(max(abs(t), abs(end))) / abs(end - t))
+    tol = max(1e-8, 2e3 * np.spacing(max(abs(t), abs(end))) / abs(end - t))
     e0 = fields(reals(task.y0))
     state = np.concatenate([reals(task.y0), (e0 @ initial @ e0.T).reshape(-1)])
     stops = [s for s in {*task.breakpoints, *task.knots} if min(t, end) < s < max(t, end)]
     for stop in [*sorted(stops, reverse=end < t), end]:
-        run = solve_ivp(
-            both, (t, stop), state, "DOP853", args=(t, stop), rtol=rtol, atol=rtol / 100
-        )
+        run = solve_ivp(both, (t, stop), state, "DOP853", args=(t, stop), rtol=tol, atol=tol / 100)
         t, state = stop, run.y[:, -1]
     return state[n:].reshape(n, n)
