@@ -138,7 +138,6 @@ def test_constraints_of_ones_own_are_those_of_joints():
 
 @pytest.mark.parametrize("edge", [1e-2, 1e-3, 1e-4])
 def test_derivatives_of_constraints_near_the_edge_of_their_domain(edge):
-    """Of a bead on z = 1 + sqrt(x + edge), which differences of long steps leave."""
     g = lambda q: [q[2] - 1 - (np.sqrt(q[0] + edge) if q[0] > -edge else np.nan), q[1]]
     slopes = lambda q: [[-0.5 / np.sqrt(q[0] + edge), 0, 1], [0, 1, 0]]
     y0 = [0, 0, 1 + np.sqrt(edge), *0.5 * np.array([2 * np.sqrt(edge), 0, 1])]

@@ -87,6 +87,8 @@ class TestOrder:
         errors = final_errors(f, (0, 2), moving(0.0), exact, h=h, **options)
         assert observed_order(h, errors, floor=1e-14) == pytest.approx(3.0, abs=0.3)
         assert errors[0] < 2e-8
+        run = cg.solve_ivp(f, (0, 20), moving(0.0), rtol=1e-5, atol=1e-5, **options)
+        assert run.nrejected < 0.4 * run.steps
 
 
 @pytest.mark.parametrize(("method", "jacobians", "factors"), [(RADAU, 1, 2), ("DICG4", 3, 3)])
@@ -134,7 +136,7 @@ class TestLoop:
     def test_sizes_settle_where_the_angle_limits_them(self):
         f = lambda t, y: [10.0 + 0.01 * np.sin(t), 0.01 * np.cos(t), 3.0]
         run = solve(f, 200.0, np.eye(3), SO3(), rtol=1e-3, atol=1e-3)
-        assert run.nrejected < 0.25 * run.steps
+        assert run.nrejected < 0.01 * run.steps
 
     def test_steps_without_a_solution(self):
         options = {"frame": Euclidean(1), "method": "RadauIIA5"}

@@ -146,7 +146,8 @@ def test_coefficients_must_be_arrays_of_real_numbers(function):
     function(a, b)
     for wrong in (MASKED, [[HUGE, 0], [0, 0]], a * 1j, a * (1 + 0j), a.astype(str)):
         refuses(ValueError, "^a must", function, wrong, b)
-    for wrong in ([HUGE, 0], (b * 1j).tolist(), np.array([0, 1j], dtype=object)):
+    objects = [np.array([0, x], dtype=object) for x in (1j, np.complex64(1), "1", None)]
+    for wrong in ([HUGE, 0], (b * 1j).tolist(), *objects):
         refuses(ValueError, "^b must", function, a, wrong)
 
 

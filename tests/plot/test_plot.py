@@ -117,8 +117,8 @@ class TestTrajectories:
         assert (first.get_color(), second.get_color()) == COLOURS[:2]
         assert first.get_linestyle() != second.get_linestyle()
         draw = lambda: cg.plot.trajectory_on_sphere(run.y, spatial_axes).get_lines()[-1]
-        styles = {(line.get_color(), line.get_linestyle()) for line in (draw() for _ in range(7))}
-        assert len(styles) == 7
+        styles = {(line.get_color(), line.get_linestyle()) for line in (draw() for _ in range(8))}
+        assert len(styles) == 8
         labels = spatial_axes.get_xlabel(), spatial_axes.get_ylabel(), spatial_axes.get_zlabel()
         assert labels == ("x", "y", "z")
         spheres = [part for part in spatial_axes.collections if part.get_gid() == "cg-sphere"]

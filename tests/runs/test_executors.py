@@ -157,8 +157,7 @@ def test_executor_that_breaks_loses_nothing_that_was_finished(moment, store_path
     before = [line for line in read_store(store_path) if "index" in line]
     assert {line["index"] for line in before} == {0, 1, 2}
     shown: list[tuple[int, ...]] = []
-    progress = lambda *now: shown.append(now)
-    assert cg.search(**SEARCH, store=store_path, progress=progress) == whole
+    assert cg.search(**SEARCH, store=store_path, progress=lambda *now: shown.append(now)) == whole
     assert shown[:2] == [(3, 30), (4, 30)]
 
 
