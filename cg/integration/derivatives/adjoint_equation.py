@@ -32,6 +32,7 @@ _MAX_INTEGRAL = 1e5  # integral of an eigenvalue, to which the number of interva
 _MAX_UNRESOLVED = 8  # largest number of unresolved intervals per edge, of `solve_intervals`
 _MIN_BISECTED = 64  # units of rounding of time in an interval that can be bisected
 _NOISE_SAMPLES = 8  # of unresolved intervals, whose derivatives are compared at neighbouring times
+_FAR = 1e4  # size of unresolved intervals, relative to the distance of these times
 _SAME_EDGE = 8  # units of rounding between edges that coincide: nodes may round to either side
 _ENTRIES = 1 << 22  # numbers in the matrices that are solved at a time
 
@@ -172,7 +173,7 @@ def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
         start, size = np.concatenate(unresolved, axis=1)
         if not start.size:
             return chunks
-        _raise_if_noisy(equation, start + size / 2)
+        _raise_if_noisy(equation, start, size)
         too_short = np.abs(size) < _MIN_BISECTED * np.spacing(np.abs(start))
         if start.size > max(_MAX_INTEGRAL, _MAX_UNRESOLVED * len(edges)) or too_short.any():
             break
@@ -185,12 +186,17 @@ def solve_intervals(equation: AdjointEquation, edges: Array) -> list[Intervals]:
     )
 
 
-def _raise_if_noisy(equation: AdjointEquation, times: Array) -> None:
-    """Raise ValueError if B changes between neighbouring times, at which bisection wouldn't end."""
-    if times.size < _NOISE_SAMPLES:  # there may be jumps
+def _raise_if_noisy(equation: AdjointEquation, start: Array, size: Array) -> None:
+    """Raise ValueError if B changes between neighbouring times, at which bisection wouldn't end.
+
+    Times are neighbours if bisection has far to go from the unresolved intervals down to them.
+    """
+    apart = _MIN_BISECTED * np.spacing(np.abs(start))
+    if start.size < _NOISE_SAMPLES or (np.abs(size) < _FAR * apart).any():  # there may be jumps
         return
-    times = times[:: times.size // _NOISE_SAMPLES]
-    near, far = (equation.at(times + k * np.spacing(np.abs(times)))[1] for k in (0, _MIN_BISECTED))
+    some = slice(None, None, start.size // _NOISE_SAMPLES)
+    times = (start + size / 2)[some]
+    near, far = (equation.at(at)[1] for at in (times, times + apart[some]))
     if near is None or far is None:
         return
     change = np.abs(far - near).max(axis=(1, 2)) / max(np.abs(near).max(), np.finfo(float).tiny)
