@@ -147,7 +147,7 @@ def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:
     if axes.shape == (3,) and kind in ("hinge", "universal"):
         length = np.linalg.norm(axes)
         if not 0.0 < length < np.inf:
-            raise ValueError(f"the axis of {name} must have a finite length, got {axes}")
+            raise ValueError(f"the axis of {name} must have a positive, finite length, got {axes}")
         third = axes / length
         first = np.cross(third, np.eye(3)[np.abs(third).argmin()])
         first /= np.linalg.norm(first)

@@ -84,9 +84,13 @@ def controller(
     least = 4.0 * jnp.finfo(relative.dtype).eps
     traced = isinstance(relative + absolute, jax.core.Tracer)  # tracers have no values yet
     if not traced and not (
-        relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
+        relative >= 0.0
+        and (absolute >= 0.0).all()
+        and ((relative + absolute > 0.0) & (relative + absolute < jnp.inf)).all()
     ):
-        raise ValueError(f"rtol and atol must be positive or zero, and not both zero, {tolerances}")
+        raise ValueError(
+            f"rtol and atol must be finite, not negative, and not both zero, {tolerances}"
+        )
     if not traced and relative + absolute.max() < least:
         warnings.warn(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "

@@ -127,8 +127,8 @@ class TestRefusals:
     def test_controllers(self):
         frame = fr.UnitQuaternion()
         refuses(ValueError, "atol must", cg.jax.controller, frame, 1e-6, np.ones(4))
-        with pytest.raises(ValueError, match="must be positive or zero, and not both zero"):
-            cg.jax.controller(frame, 0.0, 0.0)
+        for bad in ((0.0, 0.0), (np.inf, 0.0), (0.0, np.inf), (-1.0, 1.0), (np.nan, 1.0)):
+            refuses(ValueError, "be finite, not neg.* not both", cg.jax.controller, frame, *bad)
         refuses(ValueError, "rtol and atol must", cg.jax.controller, frame, "a", 0.0)
         refuses(ValueError, "max_step must", cg.jax.controller, frame, 1e-6, 1e-6, max_step=0)
         refuses(TypeError, "max_step must", cg.jax.controller, frame, 1e-6, 1e-6, max_step="a")
