@@ -18,7 +18,7 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.construction import plots
+import cg.plot.methods
 from cg.construction.catalogue.summary import summary_of
 from cg.construction.formats import FORMATS
 from cg.construction.methods.method import Method
@@ -215,7 +215,7 @@ def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
     modules = [
         method_work,
-        plots,
+        cg.plot.methods,
         cg.construction.formats,
         *method_work.parts(),
     ]

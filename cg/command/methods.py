@@ -18,9 +18,9 @@ from cg.command.arguments import (
 )
 from cg.construction.catalogue import methods, resolve_method
 from cg.construction.catalogue.summary import MethodSummary, summary_of
+from cg.construction.drawings import align_columns, draw_method
 from cg.construction.formats import FORMATS, export
 from cg.construction.methods.method import Method
-from cg.construction.plots import align_columns, draw_method
 from cg.construction.proofs import Certificate, CertificationError, certificate_of, check, proved
 from cg.construction.proofs.packed import certificate_beside
 from cg.support.parsing import visible, write_file

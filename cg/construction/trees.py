@@ -56,20 +56,20 @@ class OrderedTree:
             raise TypeError(f"text must be a str, got {type(text).__name__}")
         if text.count("[") > _MAX_PARSED:
             raise ValueError(f"a tree must have at most {_MAX_PARSED} nodes, got {text[:80]!r}")
-        finished: list[list[OrderedTree]] = [[]]
+        open_children: list[list[OrderedTree]] = [[]]
         for position, character in enumerate(text):
             if character.isspace():
                 continue
             if character == "[":
-                finished.append([])
-            elif character == "]" and len(finished) > 1:
-                children = finished.pop()
-                finished[-1].append(cls(tuple(children)))
+                open_children.append([])
+            elif character == "]" and len(open_children) > 1:
+                children = open_children.pop()
+                open_children[-1].append(cls(tuple(children)))
             else:
                 raise ValueError(f"text must be brackets in pairs, got {character!r} at {position}")
-        if len(finished) != 1 or len(finished[0]) != 1:
+        if len(open_children) != 1 or len(open_children[0]) != 1:
             raise ValueError(f"text must be one tree in balanced brackets, got {text!r}")
-        return finished[0][0]
+        return open_children[0][0]
 
     def __str__(self) -> str:
         return f"[{''.join(map(str, self.children))}]"

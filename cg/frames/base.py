@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from abc import abstractmethod
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar
@@ -21,7 +20,7 @@ from cg.frames.manifold import (
     usable_or_zero,
 )
 from cg.support.arrays import Array, Points, Size, check_random, real_array
-from cg.support.checks import check_integer, short
+from cg.support.checks import check_integer, short, warn_user
 
 NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
@@ -150,10 +149,9 @@ class Frame(Manifold, FieldAlgebra):
         excess = dropped > NORMAL_PART
         if excess.any():
             index = tuple(map(int, np.unravel_index(np.argmax(excess), excess.shape)))
-            warnings.warn(
+            warn_user(
                 f"dy has a part that the fields of {self!r} don't have, which is dropped: "
-                f"{dropped[index]:.3g} of its length{f' at index {index}' if index else ''}",
-                stacklevel=2,
+                f"{dropped[index]:.3g} of its length{f' at index {index}' if index else ''}"
             )
         return v
 

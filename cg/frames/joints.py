@@ -135,9 +135,11 @@ def _attachment(value: Any, name: str, kind: str) -> tuple[Any, ...]:
     point = real_array(value[1], f"the point of {name}")
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ValueError(f"the point of {name} must be three finite numbers, got {short(value[1])}")
-    axes = np.empty(0) if len(value) == 2 else real_array(value[2], f"the axes of {name}")
-    rows = _axes(axes, name, kind) if axes.size else ()
-    return body, tuple(point.tolist()), rows
+    axes: Any = value[2] if len(value) == 3 else ()
+    if isinstance(axes, tuple) and not axes:  # as a joint without axes has stored it
+        return body, tuple(point.tolist()), ()
+    axes = real_array(axes, f"the axes of {name}")
+    return body, tuple(point.tolist()), _axes(axes, name, kind)
 
 
 def _axes(axes: Array, name: str, kind: str) -> tuple[tuple[float, ...], ...]:

@@ -210,7 +210,7 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
             raise ValueError(
                 f"generators[{i}] must be a matrix of numbers, got {short(generator)}"
                 f"{conversion_hint(generator, error)}"
-            ) from None
+            ) from error
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
             raise ValueError(f"generators[{i}] must be a square matrix, got shape {matrix.shape}")
         if matrix.shape != (matrices or [matrix])[0].shape:

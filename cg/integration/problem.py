@@ -53,7 +53,7 @@ from cg.support.checks import (
     texts_of,
     warn_user,
 )
-from cg.support.frozen import changed, filled
+from cg.support.frozen import changed
 from cg.tables import Kind, MethodTable, table_of
 
 _FUNCTIONS = "jac", "events", "observe", "step_function", "df_dp", "noise"
@@ -561,15 +561,14 @@ def make_problem(
     events = _read_events(options, frame, rhs, start, end)
     step_function = step_function_of(options, plan, rhs, start, bound, points[0])
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    fields = {
-        "plan": plan, "in_coordinates": in_coordinates, "rhs": rhs, "points": points,
-        "t0": start, "direction": -1.0 if bound < start else 1.0, "segment_ends": segment_ends,
-        "limits": limits, "control": control, "events": events,
-        "t_eval": t_eval, "every": every if t_eval is None else 0,
-        "dense_output": options["dense_output"], "stage_solver": options["stage_solver"],
-        "ensemble": ensemble, "common_steps": options["common_steps"],
-        "linear": options["linear"], "jacobian": jacobian, "observer": observer,
-        "member_inputs": member_inputs, "thermostat": options["thermostat"],
-        "inertia": inertia, "step_function": step_function,
-    }  # fmt: skip
-    return filled(Problem, fields)
+    return Problem(
+        plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points,
+        t0=start, direction=-1.0 if bound < start else 1.0, segment_ends=segment_ends,
+        limits=limits, control=control, events=events,
+        t_eval=t_eval, every=every if t_eval is None else 0,
+        dense_output=options["dense_output"], stage_solver=options["stage_solver"],
+        ensemble=ensemble, common_steps=options["common_steps"],
+        linear=options["linear"], jacobian=jacobian, observer=observer,
+        member_inputs=member_inputs, thermostat=options["thermostat"],
+        inertia=inertia, step_function=step_function,
+    )  # fmt: skip

@@ -124,8 +124,6 @@ class Stepper:
     True
     """
 
-    _target: float | None = None  # the time up to which compiled code goes on, if known
-
     @expand_options()
     def __init__(
         self, f: Function, t0: float,
@@ -172,7 +170,8 @@ class Stepper:
     def _open(self) -> None:
         """Open the run in compiled code."""
         self._run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
-        self._budget, self._target = StepBudget(), None
+        self._budget = StepBudget()
+        self._target: float | None = None  # the time up to which compiled code goes on, if known
 
     def _begin(self, t: float, rows: Array, first_step: float | None, stopped: Any) -> None:
         """Start trajectories anew from points as doubles, but for members that have stopped."""
@@ -212,7 +211,7 @@ class Stepper:
         """Whether a terminal event has ended each member; None for a single point."""
         return self._stopped if self._ensemble else None
 
-    def _events(self, select: Any) -> list[Any] | None:
+    def _events(self, select: Callable[[Array, Points], Array]) -> list[Any] | None:
         """Return ``select(t, y)`` of each event, of an ensemble for each member."""
         if (table := self._problem.events) is None:
             return None
@@ -220,9 +219,20 @@ class Stepper:
         lists = split_events(indices, select(t, y), self._run.members, len(table))
         return lists if self._ensemble else [members[0] for members in lists]
 
-    t_events = property(lambda self: self._events(lambda t, y: t), doc="Times of each event.")
-    y_events = property(lambda self: self._events(lambda t, y: y[:, 0]), doc="Points before jumps.")
-    y_after = property(lambda self: self._events(lambda t, y: y[:, 1]), doc="Points after jumps.")
+    @property
+    def t_events(self) -> list[Any] | None:
+        """Times of each event."""
+        return self._events(lambda t, y: t)
+
+    @property
+    def y_events(self) -> list[Any] | None:
+        """Points before jumps at each event."""
+        return self._events(lambda t, y: y[:, 0])
+
+    @property
+    def y_after(self) -> list[Any] | None:
+        """Points after jumps at each event."""
+        return self._events(lambda t, y: y[:, 1])
 
     @property
     def next_step(self) -> float | Array | None:

@@ -8,7 +8,6 @@ same, but at large angles.
 from __future__ import annotations
 
 import operator
-import warnings
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -24,7 +23,7 @@ from cg.jax.frames import rules_of, turning
 from cg.jax.rules import JaxArray, Rules, real_dtype
 from cg.jax.stages import Stages, Start
 from cg.jax.term import rules_in
-from cg.support.checks import check_real
+from cg.support.checks import check_real, warn_user
 from cg.support.shared_numbers import ERROR_ESTIMATE, STEP_CONTROL, EstimateForm
 from cg.tables import MethodTable
 
@@ -92,11 +91,10 @@ def controller(
             f"rtol and atol must be finite, not negative, and not both zero, {tolerances}"
         )
     if not traced and relative + absolute.max() < least:
-        warnings.warn(
+        warn_user(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "
             f"{relative.dtype}, whose spacing is {least / 4.0:.2g}"
-            + ("" if jax.config.jax_enable_x64 else "; set jax_enable_x64 for double precision"),
-            stacklevel=2,
+            + ("" if jax.config.jax_enable_x64 else "; set jax_enable_x64 for double precision")
         )
     if max_step is not None:
         max_step = check_real("max_step", max_step, positive=True, infinite=True)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from numpy.polynomial import Polynomial
 from cg.jax.rules import JaxArray, Rules, linear
 from cg.support.arrays import Array
 from cg.support.caches import cached_by_identity
+from cg.support.checks import warn_user
 from cg.support.shared_numbers import EstimateForm
 from cg.tables import Kind, MethodTable, basis_polynomials
 
@@ -267,10 +267,9 @@ class StepInterpolation(diffrax.AbstractLocalInterpolation):
         """Return the point at a time, or the difference of those at two times."""
         assert self.within is not None
         if not self.within.scheme.accurate:
-            warnings.warn(
+            warn_user(
                 "with noise, output and events between the ends of steps have errors of order ½; "
-                "end steps at such times, with diffrax.StepTo",
-                stacklevel=2,
+                "end steps at such times, with diffrax.StepTo"
             )
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)

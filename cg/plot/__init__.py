@@ -35,7 +35,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import a plot of methods from `cg.construction.plots`."""
+    """Import a plot of methods from `cg.plot.methods`."""
     if name not in _OF_METHODS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("cg.construction.plots"), name)
+    return getattr(import_module("cg.plot.methods"), name)

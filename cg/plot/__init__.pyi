@@ -1,12 +1,12 @@
-from cg.construction.plots import points as points
-from cg.construction.plots import stability_region as stability_region
-from cg.construction.plots import tableau as tableau
-from cg.construction.plots import tree as tree
 from cg.plot.attitude import attitude as attitude
 from cg.plot.errors import convergence as convergence
 from cg.plot.errors import work_precision as work_precision
 from cg.plot.events import phase_plane as phase_plane
 from cg.plot.events import timeline as timeline
+from cg.plot.methods import points as points
+from cg.plot.methods import stability_region as stability_region
+from cg.plot.methods import tableau as tableau
+from cg.plot.methods import tree as tree
 from cg.plot.trajectories import bands as bands
 from cg.plot.trajectories import bloch as bloch
 from cg.plot.trajectories import invariants as invariants

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import SE3, SO, is_rotation
 from cg.plot.style import COLOURS, DASHES, axes_for, drawn, members_of, opacity_of
 from cg.support.arrays import Array, real_array
-from cg.support.checks import short
+from cg.support.checks import short, warn_user
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -34,11 +33,10 @@ def drawn_rotations(y: Any) -> tuple[Rotation, Array | None]:
         raise ValueError(f"y must hold rotations at one or more times, got {short(y)}")
     turns = (rotations[:-1].inv() * rotations[1:]).magnitude() if len(rotations) > 1 else [0.0]
     if (largest := np.rad2deg(np.max(turns))) > 90.0:
-        warnings.warn(
+        warn_user(
             f"the attitude turns by {largest:.0f} degrees between two times, so that the "
             "curves between them mean nothing: integrate with dense_output=True, or give more "
-            "points",
-            stacklevel=3,
+            "points"
         )
     return rotations, times
 

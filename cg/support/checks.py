@@ -17,7 +17,8 @@ MAX_COUNT = 2**31 - 1
 NO_LIMIT = 2**62
 """A limit that no number of steps or of events reaches; both are 64-bit integers in Fortran."""
 
-_INSIDE = {"cg", "crouch_grossman", "scipy", "qutip"}  # this package, and hosts that call it
+# this package, and hosts that call it
+_INSIDE = {"cg", "crouch_grossman", "diffrax", "equinox", "jax", "qutip", "scipy"}
 _HALF = 100  # characters of a long value in a message before and after its middle
 
 

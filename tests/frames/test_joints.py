@@ -256,6 +256,8 @@ END = (0, [0.0, 0.0, 0.0])
     (("ball", END, (-1, NEXT)), {}, ValueError, "body of second must be at least 0, got -1"),
     (("ball", END, (1, [1, 2])), {}, ValueError, "three finite numbers"),
     (("ball", END, (1, NEXT, np.eye(3))), {}, ValueError, "axes of second must not be given"),
+    (("ball", END, (1, NEXT, [])), {}, ValueError, "axes of second must not be given"),
+    (("hinge", (0, NEXT, []), END), {}, ValueError, "axes of first must be the columns"),
     (("slider", END, (1, NEXT, [0, 0, 1])), {}, ValueError, "columns of a rotation matrix"),
     (("hinge", END, (1, NEXT, [0, 0, 0])), {}, ValueError, "finite length"),
     (("hinge", END, (1, NEXT, 5)), {}, ValueError, "columns of a rotation matrix, got 5"),

@@ -199,8 +199,9 @@ def test_points_stay_on_the_manifold(frame):
 
 def test_output_between_steps_warns():
     options = {"saveat": diffrax.SaveAt(ts=[0.3])}
-    with pytest.warns(UserWarning, match=r"with noise, .* diffrax\.StepTo"):
+    with pytest.warns(UserWarning, match=r"with noise, .* diffrax\.StepTo") as caught:
         path_of(jax.random.key(0), 0.25, isotropic, 3, name="CF3", **options)
+    assert {warning.filename for warning in caught} == {__file__}
 
 
 def test_methods_and_terms_that_do_not_fit_are_refused():

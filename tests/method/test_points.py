@@ -14,7 +14,7 @@ from strategies import point_trees, rationals
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.construction.catalogue import dumps, loads, methods
-from cg.construction.plots import draw_points, draw_tree
+from cg.construction.drawings import draw_points, draw_tree
 from cg.construction.points import Point
 from cg.construction.proofs import certify
 from cg.construction.trees import OrderedTree

@@ -11,8 +11,8 @@ from refusals import refuses
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.construction.plots import growth
 from cg.construction.trees import OrderedTree
+from cg.plot.methods import growth
 from cg.plot.style import COLOURS
 
 

@@ -14,6 +14,7 @@ from typing import Any
 from cg.construction.catalogue import entries, resolve_method
 from cg.construction.conditions import MAX_ORDER, condition_trees, residuals
 from cg.construction.diagnosis.correction import Correction, corrections
+from cg.construction.drawings import draw_tree
 from cg.construction.methods.classical_conditions import failing_rooted, flat_order
 from cg.construction.methods.coefficients import Coefficient
 from cg.construction.methods.commutator_free import MuntheKaas
@@ -21,7 +22,6 @@ from cg.construction.methods.magnus import MagnusMethod
 from cg.construction.methods.method import Method
 from cg.construction.methods.splitting import Splitting
 from cg.construction.methods.tableau import Tableau, TableauError
-from cg.construction.plots import draw_tree
 from cg.construction.trees import OrderedTree, forest, planted
 from cg.support.parsing import read_file, visible
 from cg.support.quads import MissingQuadsError
