@@ -60,10 +60,10 @@ def tableau(method: str | Method, ax: Any = None) -> Any:
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(method.abscissae[i]), **_centred(FAINT, size))
+            ax.text(0.0, y, _short_number(method.abscissae[i]), **_centred(FAINT, size))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry), **_centred(size=size))
+                ax.text(j, y, _short_number(entry), **_centred(size=size))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], "-", color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, "-", color="black", linewidth=0.8)
     blank(ax)
@@ -88,14 +88,14 @@ def _centred(colour: str = "black", size: float = 7) -> dict[str, Any]:
     return {"ha": "center", "va": "center", "fontsize": size, "color": colour}
 
 
-def _text(value: Fraction, digits: int = 4) -> str:
+def _short_number(value: Fraction, digits: int = 4) -> str:
     text = str(value) if len(str(value)) <= digits + 3 else to_decimal(value, digits)
     return text.replace("-", "−")
 
 
 def _flow(weights: Mapping[int, Fraction]) -> str:
     """Return the sum of fields of a flow as text, two terms a line."""
-    terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
+    terms = [f"{_short_number(weight, 3)} F{k + 1}" for k, weight in weights.items()]
     lines = [" + ".join(terms[k : k + 2]) for k in range(0, len(terms), 2)]
     return "\n+ ".join(lines).replace("+ −", "− ")
 

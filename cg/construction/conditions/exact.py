@@ -142,13 +142,13 @@ def closure(words: Iterable[Word]) -> list[Word]:
     return sorted(factors, key=nodes)
 
 
-def text(word: Word) -> str:
-    """Write a word as the tree with these children, in brackets."""
-    return f"[{''.join(map(text, word))}]"
+def tree_text(word: Word) -> str:
+    """Return a word as the tree with these children, in brackets."""
+    return f"[{''.join(map(tree_text, word))}]"
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes; ValueError if that isn't one tree in balanced brackets."""
+    """Read what `tree_text` writes; ValueError if that isn't one tree in balanced brackets."""
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 

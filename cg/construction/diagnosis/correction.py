@@ -77,12 +77,12 @@ def _highest(method: Method, owner: ConditionOwner, flat: bool) -> tuple[Correct
         if change and (violated > 1 or abs(change) <= _MAX_CHANGE):
             name, given = method.layout.names[k], method.coefficients[k]
             text = repr(float(given.value)) if "x" in given.text else given.text
-            value = _text(method, k, given.value + change)
+            value = _restored_value(method, k, given.value + change)
             restoring.append(Correction(name, text, value, reached, flat, second, violated))
     return tuple(sorted(restoring, key=lambda one: len(one.value)))
 
 
-def _text(method: Method, k: int, value: Fraction) -> str:
+def _restored_value(method: Method, k: int, value: Fraction) -> str:
     """Return a changed coefficient with as many digits as the others have, or as a fraction."""
     others = (float(x.unit) for j, x in enumerate(method.coefficients) if j != k)
     digits = min(round(1 - log10(max(others, default=0.0) or 1e-99)), quads.DECIMAL_DIGITS)

@@ -168,14 +168,14 @@ class SplitRows(ConditionSystem):
 
     def texts(self, x: Sequence[Fraction]) -> list[str]:
         """Return weights whose sums are exact: unknowns are rounded, and remainders follow."""
-        texts = list(map(_text, x))
+        texts = list(map(_as_written, x))
         exact = self.complete([Fraction(text) for text in texts])
         for k in self.held.pivots.tolist():
             texts[k] = str(exact[k])
         return texts
 
 
-def _text(value: Fraction) -> str:
+def _as_written(value: Fraction) -> str:
     """Return a value as a decimal, or as the rational number that it is to all digits."""
     simple = value.limit_denominator(_MAX_DENOMINATOR)
     return str(simple) if abs(value - simple) <= _NEAR_RATIONAL else to_decimal(value)

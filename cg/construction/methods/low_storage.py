@@ -51,7 +51,7 @@ def from_two_registers(
     points = []
     for i, (factor, step) in enumerate(zip(factors, steps, strict=True)):
         register = [*(_product(weight, factor) for weight in register), (Fraction(1), Fraction(0))]
-        weights = {k: _text(*_product(weight, step)) for k, weight in enumerate(register)}
+        weights = {k: _rounded_weight(*_product(weight, step)) for k, weight in enumerate(register)}
         points.append((i - 1, weights))
     return CommutatorFree(points, range(-1, len(steps) - 1), name=name, source=source)
 
@@ -61,7 +61,7 @@ def _product(weight: tuple[Fraction, Fraction], factor: Coefficient) -> tuple[Fr
     return value * factor.value, unit * abs(factor.value) + abs(value) * factor.unit
 
 
-def _text(value: Fraction, unit: Fraction) -> Fraction | str:
+def _rounded_weight(value: Fraction, unit: Fraction) -> Fraction | str:
     """Return an exact number, or a decimal with the places that `unit` leaves significant."""
     if not unit:
         return value

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cg.construction.conditions.exact import Condition, Word, parse, text
+from cg.construction.conditions.exact import Condition, Word, parse, tree_text
 from cg.support.parsing import check_keys, quoted, read_file, read_toml, write_file
 
 MAX_SMALL = Decimal("1e-40")
@@ -75,7 +75,7 @@ class ViolatedCondition:
     @property
     def tree(self) -> str:
         """The tree in brackets."""
-        return text(self.word)
+        return tree_text(self.word)
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class Certificate(Box):
             if self.bound is not None:
                 lines.append(f'bound = "{_decimal(self.bound)}"')
             for row, key in enumerate(_TREES):
-                trees = [text(word) for r, word in self.left_out if r == row]
+                trees = [tree_text(word) for r, word in self.left_out if r == row]
                 lines.append(f"{key} = {_wrapped(trees, 5)}")
         lines += ["", "[beyond]", *_beyond(self.beyond)]
         if self.embedded_beyond is not None:

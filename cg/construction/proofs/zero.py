@@ -14,7 +14,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.construction.conditions.exact import Condition, text
+from cg.construction.conditions.exact import Condition, tree_text
 from cg.construction.methods.tolerance import TOLERANCE_FACTOR
 from cg.construction.proofs.certificate import Box, CertificationError
 from cg.construction.proofs.dependent.orthogonality import prove_dependent
@@ -123,4 +123,4 @@ def check_rational(packed: PackedMethod) -> None:
 
 def label(condition: Condition) -> str:
     """Return a condition's tree in brackets, and whether it is one of second weights."""
-    return text(condition.word) + " embedded" * condition.row
+    return tree_text(condition.word) + " embedded" * condition.row
