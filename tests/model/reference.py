@@ -275,9 +275,9 @@ def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarr
     def both(t, state, begin, end):
         t = within(t, begin, end)
         z, spread = state[:n], state[n:].reshape(n, n)
-        step = 1e-5 * np.eye(n)
-        columns = [(task.derivative(t, z + s) - task.derivative(t, z - s)) / 2e-5 for s in step]
-        a, e = np.stack(columns, axis=1), fields(z)
+        step = 1e-5 * max(1.0, np.abs(z).max())
+        change = [task.derivative(t, z + s) - task.derivative(t, z - s) for s in step * np.eye(n)]
+        a, e = np.stack(change, axis=1) / (2 * step), fields(z)
         change = a @ spread + spread @ a.T + e @ density @ e.T
         return np.concatenate([task.derivative(t, z), change.reshape(-1)])
 
