@@ -13,7 +13,7 @@ from cg.frames.facts import Dexpinv, dexpinv_of
 from cg.frames.manifold import usable_or_zero
 from cg.integration.plan.plan import Plan
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.python import Jacobian, Rhs
+from cg.integration.rhs.python import Jacobian, PythonRhs, Rhs
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
 
@@ -35,7 +35,7 @@ class Callbacks:
     ) -> None:  # fmt: skip
         self.plan, self.frame = plan, plan.frame
         # compiled code calls only operations whose object was given
-        self.rhs: Any = rhs
+        self.rhs = cast(Rhs, rhs)
         self.events, self.jacobian = cast(EventTable, events), cast(Jacobian, jacobian)
         self.last_error: Exception | None = None
         self.failed_event: tuple[str, float, int | None] | None = None
@@ -104,11 +104,12 @@ class Callbacks:
         member, gamma, real, imaginary = a.tolist()
         return self.jacobian.factor(int(member), (gamma, complex(real, imaginary)))
 
-    def _evaluate(self, a: Array, y: Array) -> Any:
+    def _evaluate(self, a: Array, y: Array) -> Array:
+        assert isinstance(self.rhs, PythonRhs)
         t, members = a.reshape(2, -1)
         return self.rhs.results(t, members.astype(np.intp), self._points(y))
 
-    def _call_vectorized_event(self, a: Array, y: Array) -> Any:
+    def _call_vectorized_event(self, a: Array, y: Array) -> Array:
         event, (t, members) = int(a[0]), a[1:].reshape(2, -1)
         members = members.astype(np.intp)
         try:

@@ -26,6 +26,10 @@ from cg.tables import Kind, MethodTable
 # addresses of functions in C that call one of Python, and functions of a variational equation
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
 
+Check = Callable[
+    [Any, Any, Any], Points
+]  # of a value at t and y: returns it as an array, or raises
+
 
 def time_text(t: Any) -> str:
     """Return the time of a call, or the first of many times, for a message."""
@@ -80,7 +84,7 @@ def read_finite(
 class RhsCheck:
     """The check of results of ``f``."""
 
-    def __init__(self, f: Any, form: RhsForm, vectorized: bool = False) -> None:
+    def __init__(self, f: Callable[..., Any], form: RhsForm, vectorized: bool = False) -> None:
         self.form, self.vectorized = form, vectorized
         function = f.function if isinstance(f, WithInput) else f
         self.takes_no_point = isinstance(function, TimeFunction)
@@ -109,11 +113,11 @@ class RhsCheck:
 class CallContext(NamedTuple):
     """A call of a function, in the order in which ``fortran/interface/python_rhs.c`` reads it."""
 
-    function: Any
+    function: Callable[..., Any]
     args: tuple[Any, ...]  # its further arguments
     like_point: Points  # an array of the shape and the type of its points
     like_result: Points  # an array of the shape and the type of its results
-    check: Any  # check(value, t, y) returns other than plain results as an array, or raises
+    check: Check  # called with other than plain results
     spare: list[Any]  # arrays of the call before: the point, and numbers that change
     takes_no_point: bool
     with_input: bool  # whether it gets the value of its first argument, a function of time
@@ -135,15 +139,15 @@ def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def call_context(
-    function: Any, args: tuple[Any, ...], templates: tuple[Points, Points], check: Any,
+    function: Callable[..., Any], args: tuple[Any, ...], templates: tuple[Points, Points], check: Check,
     changing: bool = False,
 ) -> CallContext:  # fmt: skip
     """Return the context of a function without its wrappers; for templates see `templates_of`."""
     with_input = isinstance(function, WithInput)
-    if with_input:
+    if isinstance(function, WithInput):
         function, args = function.function, _with_reader(args)
     takes_no_point = isinstance(function, TimeFunction)
-    if takes_no_point:
+    if isinstance(function, TimeFunction):
         function = function.function
     flags = takes_no_point, with_input, changing
     return CallContext(function, args, *templates, check, [None, None], *flags)
@@ -153,8 +157,8 @@ class Contexts:
     """The contexts of a function: one for each of a ``count`` of members, or one for all."""
 
     def __init__(
-        self, function: Any, extra: ExtraArguments, count: int | None,
-        templates: tuple[Points, Points], check: Any,
+        self, function: Callable[..., Any], extra: ExtraArguments, count: int | None,
+        templates: tuple[Points, Points], check: Check,
     ) -> None:  # fmt: skip
         first = call_context(function, extra.arguments(0), templates, check)
         self._connect(first, extra, count)
