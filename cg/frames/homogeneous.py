@@ -93,6 +93,8 @@ class HomogeneousSpace(Frame):
         return self.group.logarithm(further @ self.group.exponential(v))
 
     def _composed(self, flows: Array) -> Array:
+        if self.compiled_blocks() is not None:  # in a product as alone in compiled code
+            return super()._composed(flows)
         with np.errstate(over="ignore", invalid="ignore"):
             product = reduce(lambda x, y: y @ x, self.group.exponential(flows))
             return self.group.logarithm(product)

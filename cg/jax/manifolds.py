@@ -97,15 +97,15 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         return 0.5 * group.log1p(jnp.linalg.solve(y0, y1 - y0).mT)
 
     def composed(flows: JaxArray) -> JaxArray:
-        eye = jnp.eye(frame.group.size, dtype=flows.dtype)
-        product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), eye, flows)
-        return group.log1p(product - eye)
+        first = group.exponential(flows[0])
+        product, _ = jax.lax.scan(lambda x, v: (group.exponential(v) @ x, None), first, flows[1:])
+        return group.log1p(product - jnp.eye(len(product)))
 
-    orbit = isinstance(frame, frames.IsospectralOrbit)
+    orbit, in_python = isinstance(frame, frames.IsospectralOrbit), frame.compiled_blocks() is None
     near = with_identity_derivative(restore) if orbit else restore
     return Rules(
         frame, flow, near, dexpinv=group.dexpinv, relative_error=relative_error, unique=False,
-        first_coordinates=geodesic if spd else None, composed=composed if spd else None,
+        first_coordinates=geodesic if spd else None, composed=composed if in_python else None,
     )  # fmt: skip
 
 

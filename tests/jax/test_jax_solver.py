@@ -27,13 +27,13 @@ KINDS = [
 
 FRAMES = [
     fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2)),
-    fr.Hyperbolic(2), fr.Grassmann(3, 1),
+    fr.Hyperbolic(2), fr.Grassmann(3, 1), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
 ]  # fmt: skip
 OTHERS = [
     fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4),
     fr.SO(2), fr.U(2), fr.SPD(2), fr.SL(2), fr.Sp(2, "body"),
-    fr.IsospectralOrbit((0.0, 0.0, 1.0)),
-    fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0)), fr.Product(fr.Stiefel(3, 2), fr.SO3()),
+    fr.Product(fr.SPD(2), fr.Sphere(2)),
 ]  # fmt: skip
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
