@@ -139,8 +139,8 @@ def _with_reader(args: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def call_context(
-    function: Callable[..., Any], args: tuple[Any, ...], templates: tuple[Points, Points], check: Check,
-    changing: bool = False,
+    function: Callable[..., Any], args: tuple[Any, ...], templates: tuple[Points, Points],
+    check: Check, changing: bool = False,
 ) -> CallContext:  # fmt: skip
     """Return the context of a function without its wrappers; for templates see `templates_of`."""
     with_input = isinstance(function, WithInput)
