@@ -26,6 +26,9 @@ NORMAL_PART, NORMAL_ROUNDING = 1e-8, 1e-12
 """Largest parts of derivatives that are dropped without a warning: relative, and absolute."""
 
 _MEAN_STEPS, _MEAN_REACHED = 200, 1e-9  # most steps towards a mean, largest last step of rounding
+_NEAR = math.pi / 4  # points that all turn by less from their mean have no other
+_MEAN_STARTS = 3  # points from which another mean is sought
+_EQUAL = 1e-6  # largest relative difference of sums of squares, and distance, of equal means
 _DIFFERENCE = 1e-8  # step of differences of flows, relative to the coefficients
 _DIFFERENCE_RANK = 1e-5  # singular values of differences below this part of the largest are zero
 
@@ -205,17 +208,18 @@ class Frame(Manifold, FieldAlgebra):
         return self.exp_coordinates(y0, y1)
 
     def difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return y1 - y0 as a vector of coordinates: `local_coordinates`."""
+        """Return y1 - y0 as coordinates: `local_coordinates`, NaN where they don't exist."""
         return self.local_coordinates(y0, y1)
 
     def mean(self, points: ArrayLike, weights: ArrayLike | None = None) -> Points:
         r"""Return the mean of points that are near each other.
 
-        It is the point :math:`m` where :math:`\sum_i w_i v_i` moves nothing, with the `difference`
-        v_i of each point from m. On rotations, unitary matrices, spheres, `Grassmann`, `SPD`,
-        `Hyperbolic` and Euclidean spaces, their products and powers, the v_i are tangents of
-        geodesics, so that it is Karcher's mean, where the sum of :math:`w_i d_i^2` of geodesic
-        distances is least. Other frames, such as `SE3` and `Stiefel`, have no metric of their own.
+        It is the point :math:`m` where :math:`\sum_i w_i v_i` moves nothing. On rotations, unitary
+        matrices, spheres, `Grassmann`, `SPD`, `Hyperbolic` and Euclidean spaces, their products and
+        powers, the v_i are tangents at m of geodesics to the points, so that it is Karcher's mean,
+        where the sum of :math:`w_i d_i^2` of geodesic distances is least. On other frames, such as
+        `SE3` and `Stiefel`, which have no metric of their own, v_i is the `difference` of a point
+        from m. Unit quaternions of opposite signs are far apart, though they are one attitude.
         On a `PhaseSpace` momenta along points of spheres are removed, and joints are closed.
 
         Parameters
@@ -234,7 +238,8 @@ class Frame(Manifold, FieldAlgebra):
         Raises
         ------
         ValueError
-            If arguments have other shapes or values, or points are too far apart.
+            If arguments have other shapes or values, or points are too far apart: if iterations
+            fail, or lead from other points to another mean that is as good.
         """
         y = self._points(points, "points")
         if y.ndim != 1 + len(self.point_shape) or not len(y):
@@ -246,7 +251,24 @@ class Frame(Manifold, FieldAlgebra):
                 f"weights must be {len(y)} finite numbers with a positive sum, got {short(weights)}"
             )
         w = w / w.sum()
-        m = y[int(np.argmax(w))]
+        m = self._mean_near(y[int(np.argmax(w))], y, w)
+        if m is None:
+            raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
+        turns = np.linalg.norm(self._logarithms(m, y) * self.turning_coefficients(), axis=1)
+        if turns.max() < _NEAR or w.min() < 0.0:
+            return m
+        others = [self._mean_near(y[k], y, w) for k in turns.argsort()[-_MEAN_STARTS:]]
+        means = np.array([m, *(other for other in others if other is not None)])
+        sums = np.array([w @ norms(self.field(self._logarithms(x, y), x)) ** 2 for x in means])
+        distances = norms(means - means[sums.argmin()])
+        if (distances[sums <= (1.0 + _EQUAL) * sums.min()] > _EQUAL * norms(means).max()).any():
+            raise ValueError(
+                f"points must be near each other to have one mean, got {short(points)}"
+            )
+        return np.asarray(means[sums.argmin()])
+
+    def _mean_near(self, m: Points, y: Points, w: Array) -> Points | None:
+        """Return the point, near ``m``, where the sum of `_logarithms` moves nothing, or None."""
         last, fraction = math.inf, 1.0
         for _ in range(_MEAN_STEPS):
             v = fraction * self.coefficients(m, self.field(w @ self._logarithms(m, y), m))
@@ -259,7 +281,7 @@ class Frame(Manifold, FieldAlgebra):
                     return m  # what is left is rounding
                 fraction /= 2.0  # steps are too long
             last = size
-        raise ValueError(f"points must be near each other to have a mean, got {short(points)}")
+        return None
 
     def _logarithms(self, m: Points, y: Points) -> Array:
         """Return the coefficients of the tangents at ``m`` to points, of which a mean is made."""

@@ -85,6 +85,10 @@ class UnitQuaternion(CompiledFlow, UnitVectors):
         fields = self.field(np.eye(3), y[:, None])
         return np.asarray(4.0 * np.vecdot(fields, tangent[:, None]) / np.vecdot(y, y)[:, None])
 
+    def _logarithms(self, m: Array, y: Array) -> Array:
+        # Attitudes that are farther apart are nearer with the other sign.
+        return np.where((np.vecdot(y, m) > 0.0)[..., None], super()._logarithms(m, y), np.nan)
+
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`.
 
