@@ -223,23 +223,6 @@ def test_jacobians_of_another_f_are_forgotten():
     assert_allclose(end(1e-4), end(1e-10), rtol=0, atol=2e-5)
 
 
-@pytest.mark.parametrize("method", ["CF4", "RadauIIA5"])
-@pytest.mark.parametrize("end", [1.0, -1.0])
-def test_advancing_to_the_final_time_calls_f_at_the_times_of_solve_ivp(method, end):
-    times = []
-
-    def f(t, y):
-        times.append(t)
-        return [np.sin(t)]
-
-    options = {"frame": Euclidean(1), "method": method, "h": 0.25, "breakpoints": [0.6 * end]}
-    cg.solve_ivp(f, (0.0, end), [1.0], **options)
-    expected = times.copy()
-    times.clear()
-    cg.Stepper(f, 0.0, [1.0], end, **options).advance(end)
-    assert times == expected
-
-
 def test_steps_that_begin_with_a_drift_need_no_force_at_their_start():
     frame = cg.frames.PhaseSpace(SO3(), 1.0)
     options = {"frame": frame, "h": 0.1, "method": "McLachlan2"}
