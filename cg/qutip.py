@@ -11,7 +11,7 @@ from scipy import sparse
 from cg.frames.linear_action import LinearAction, on_one_pattern
 from cg.integration.ivp import solve_linear
 from cg.integration.rhs.samples import Samples
-from cg.support.arrays import Array
+from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import check_count
 
 try:
@@ -169,7 +169,11 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         if "max_step" not in options and not in_pieces:
             options["max_step"] = _INTERVALS * np.abs(np.diff(times)).max()
         start, end = sorted((times[0], times[-1]))
-        ends = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
+        if "first_step" in options and options["first_step"] > end - start > 0.0:
+            options["first_step"] = end - start  # of a solver that is asked for a short time
+        breakpoints = np.atleast_1d(real_array(self.options["breakpoints"], "breakpoints"))
+        check_finite("breakpoints", breakpoints)
+        ends = np.union1d(breakpoints, self._times_of_arrays(options["rtol"]))
         inside = ends[(ends > start) & (ends < end)]
         return solve_linear(
             self._coefficients,
