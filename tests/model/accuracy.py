@@ -52,7 +52,7 @@ class Case:
         except ModuleNotFoundError as error:  # JAX is an extra
             raise Unclear(str(error)) from error
         except Exception as error:
-            if isinstance(error, cg.StepTooLongError | cg.ConvergenceError) and self.program.steps:
+            if isinstance(error, ArithmeticError | cg.ConvergenceError) and self.program.steps:
                 raise Unclear("steps are too long for the method") from error
             name = type(error).__name__
             raise Difference(name, f"raised {name}: {error}", code) from error

@@ -65,8 +65,8 @@ def check(program: Program) -> str:
                 compare(case)
             except Unclear as reason:
                 outcome = str(reason)
-                if not case.solution.success:  # callers may raise what it returns
-                    break
+                if not case.solution.success:
+                    break  # callers may raise what it returns
     return outcome
 
 
