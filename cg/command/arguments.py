@@ -35,10 +35,15 @@ def print_text(text: str) -> None:
     click.echo("\n".join(map(visible, text.split("\n"))))
 
 
-def check_output(path: Path | None) -> None:
-    """Raise BadParameter unless a file can be written; commands call it before they compute."""
+def check_output(path: Path | None, *inputs: str | Path | None) -> None:
+    """Raise BadParameter unless a file can be written, which would replace none of the inputs.
+
+    Commands call it before they compute.
+    """
     if path is None:
         return
+    if os.path.realpath(path) in (os.path.realpath(file) for file in inputs if file is not None):
+        raise click.BadParameter(f"{path} would replace what is read", param_hint="--output")
     folder = path.absolute().parent
     if not folder.is_dir():
         raise click.BadParameter(f"{path} must be in an existing folder", param_hint="--output")

@@ -51,6 +51,8 @@ def main(
 ) -> int:  # fmt: skip
     """Run a command with the arguments of the process, or others; return the exit code."""
     try:
+        if sys.stdout is None:  # closed, so that click would print nothing
+            raise OSError("standard output must be open")
         code = command.main(arguments, prog_name=program, standalone_mode=False)
     except (click.Abort, KeyboardInterrupt) as end:
         print(f"{program}: {_with_notes('interrupted', end.__cause__ or end)}", file=sys.stderr)

@@ -16,7 +16,7 @@ from cg.command.arguments import (
     print_json,
     print_text,
 )
-from cg.construction.catalogue import methods, resolve_method
+from cg.construction.catalogue import is_file, methods, resolve_method
 from cg.construction.catalogue.summary import MethodSummary, summary_of
 from cg.construction.drawings import align_columns, draw_method
 from cg.construction.formats import FORMATS, export
@@ -152,7 +152,7 @@ def export_command(
       crouch-grossman export CG5a json --digits 60
       crouch-grossman export mine.toml c --digits 40 --certificate proof.toml
     """
-    check_output(output)
+    check_output(output, method if is_file(method) else None, certificate)
     proof = None if certificate is None else Certificate.load(certificate)
     text = export(method, format, digits=digits, certificate=proof)
     if output is None:

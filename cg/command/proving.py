@@ -54,7 +54,7 @@ def certify_command(
         raise click.UsageError("--check excludes --complete and --output")
     if not again and len(names) != 1:
         raise click.UsageError(f"name one method, or pass --check; got {len(names)} methods")
-    check_output(output)
+    check_output(output, *filter(is_file, names))
     entries = []
     for name in names or certificate_names():
         method = resolve_method(name)

@@ -125,7 +125,7 @@ def search_command(output: Path | None, in_json: bool, **options: Any) -> int:
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-    check_output(output)
+    check_output(output, options["store"])
     result = search(**_arguments(**options))
     sorted_by = (options["minimise"] or "largest_coefficient").replace("_", " ")
     lines = [
@@ -155,7 +155,7 @@ def construct_command(output: Path | None, in_json: bool, **options: Any) -> int
       crouch-grossman construct --order 5 --tree CF5a --max-coefficient 2
       crouch-grossman construct --order 5 --stages 9 --structure stage_order_two
     """
-    check_output(output)
+    check_output(output, options["store"])
     result = construct(**_arguments(**options))
     if result.method is None:
         return _finish([], f"no method: {result!r}", output, in_json)

@@ -1,6 +1,7 @@
 """The command, run in this process and in others: help, certify, export, errors."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -32,6 +33,8 @@ def test_module_is_the_command():
     completed = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (completed.returncode, completed.stdout) == (2, "")
     assert completed.stderr.startswith("python -m cg: error: method must be the name of a method")
+    closed = subprocess.getoutput(f'"{sys.executable}" -m cg list >&-')
+    assert closed == "python -m cg: error: standard output must be open"
 
 
 def test_certify(run_command, tmp_path):
@@ -117,7 +120,8 @@ def test_broken_files_are_named(run_command, tmp_path):
 
 
 @pytest.mark.parametrize("command", [
-    "certify CF3", "search --order 2 --stages 2 --starts 2", "construct --order 2 --stages 2"
+    "certify {}", "export {} c", "export CG3 c --certificate {}",
+    "search --order 2 --stages 2 --store {}", "construct --order 2 --stages 2 --store {}",
 ])  # fmt: skip
 def test_output_is_checked_first(run_command, command, tmp_path, monkeypatch):
     def never(*arguments, **options):
@@ -126,7 +130,10 @@ def test_output_is_checked_first(run_command, command, tmp_path, monkeypatch):
     monkeypatch.setattr(proving, "certify", never)
     monkeypatch.setattr(searching, "search", never)
     monkeypatch.setattr(searching, "construct", never)
-    missing = tmp_path / "missing" / "x.toml"
-    code, out, err = run_command(*command.split(), "-o", str(missing))
-    assert (code, out) == (2, "")
+    file, missing = tmp_path / "mine.toml", tmp_path / "missing" / "x.toml"
+    file.write_text(text := cg.export("CG3", "toml"))
+    for output in (file, os.path.relpath(file), missing):  # two would replace what is read
+        code, out, err = run_command(*command.format(file).split(), "-o", str(output))
+        assert (code, out, "--output" in err) == (2, "", True)
     assert f"--output: {missing} must be in an existing folder" in err
+    assert file.read_text() == text

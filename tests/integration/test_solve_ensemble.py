@@ -31,8 +31,7 @@ def test_indices_and_copies():
         rotated, (0, 1), y0, frame=SO3(), dense_output=True, events=lambda t, y: t - 0.5
     )
     assert len(solution) == 3
-    for i in range(3):
-        np.testing.assert_array_equal(solution[i - 3].y, solution[i].y)
+    np.testing.assert_array_equal([solution[i - 3].y for i in range(3)], [s.y for s in solution])
     for i in (3, -4):
         refuses(IndexError, rf"in range\(-3, 3\), got {i}", solution.__getitem__, i)
     refuses(TypeError, "member must be an integer", solution.__getitem__, slice(0, 2))

@@ -23,14 +23,12 @@ def solve(f=PROBLEM.f, t_span=(0.0, 1.0), y0=None, **options):
 
 
 def test_default_output_is_that_of_the_steps_with_time_first():
-    y0 = np.eye(3)
-    solution = solve(y0=y0)
+    solution = solve(y0=(y0 := np.eye(3)))
     y0[:] = 0.0
     np.testing.assert_array_equal(solution.y[0], np.eye(3))
     assert (np.diff(solution.t) > 0).all()
     assert solution.y.shape == (solution.steps + 1, 3, 3)
-    outputs = (solution.sol, solution.t_events, solution.y_events, solution.y_after)
-    assert outputs == (None,) * 4
+    assert {solution.sol, solution.t_events, solution.y_events, solution.y_after} == {None}
     assert (solution.njev, solution.nlu, solution.status) == (0, 0, 0)
     assert "end of t_span" in solution.message
     for array in (solution.t, solution.y):

@@ -198,9 +198,8 @@ def test_points_stay_on_the_manifold(frame):
 
 
 def test_output_between_steps_warns():
-    options = {"saveat": diffrax.SaveAt(ts=[0.3])}
     with pytest.warns(UserWarning, match=r"with noise, .* diffrax\.StepTo") as caught:
-        path_of(jax.random.key(0), 0.25, isotropic, 3, name="CF3", **options)
+        path_of(jax.random.key(0), 0.25, isotropic, 3, saveat=diffrax.SaveAt(ts=[0.3]))
     assert {warning.filename for warning in caught} == {__file__}
 
 

@@ -26,9 +26,8 @@ from cg.tables import Kind, MethodTable
 # addresses of functions in C that call one of Python, and functions of a variational equation
 CALL_PYTHON, CALL_VARIATIONAL = core.function_addresses()
 
-Check = Callable[
-    [Any, Any, Any], Points
-]  # of a value at t and y: returns it as an array, or raises
+# called with a value, t and y: returns the value as an array, or raises
+Check = Callable[[Any, Any, Any], Points]
 
 
 def time_text(t: Any) -> str:
@@ -143,12 +142,11 @@ def call_context(
     check: Check, changing: bool = False,
 ) -> CallContext:  # fmt: skip
     """Return the context of a function without its wrappers; for templates see `templates_of`."""
-    with_input = isinstance(function, WithInput)
+    with_input = takes_no_point = False
     if isinstance(function, WithInput):
-        function, args = function.function, _with_reader(args)
-    takes_no_point = isinstance(function, TimeFunction)
+        function, args, with_input = function.function, _with_reader(args), True
     if isinstance(function, TimeFunction):
-        function = function.function
+        function, takes_no_point = function.function, True
     flags = takes_no_point, with_input, changing
     return CallContext(function, args, *templates, check, [None, None], *flags)
 
